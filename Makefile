@@ -1,0 +1,93 @@
+# make paper    from nothing to paper/sngr.pdf
+# make test     everything that checks the project
+# `make help` lists the rest. Works with GNU Make 3.81 and later, with or without -j.
+
+SHELL := bash
+.SHELLFLAGS := -euo pipefail -c
+.DELETE_ON_ERROR:
+.DEFAULT_GOAL := help
+
+PYTHON ?= python3
+JOBS ?= 2
+NOTEBOOKS := $(sort $(notdir $(basename $(wildcard notebooks/*.ipynb))))
+PY := .venv/bin/python
+RUN := $(PY) -m sngr_utils.run
+
+# The environment is private: nothing of the user's Python, Jupyter or Matplotlib set-up counts.
+unexport PYTHONPATH PYTHONHOME JUPYTER_PATH VIRTUAL_ENV
+export PYTHONNOUSERSITE := 1
+export PYTHONHASHSEED := 0
+export JUPYTER_CONFIG_DIR := $(CURDIR)/build/cache/jupyter
+export JUPYTER_PREFER_ENV_PATH := 1
+export IPYTHONDIR := $(CURDIR)/build/cache/ipython
+export MPLCONFIGDIR := $(CURDIR)/build/cache/matplotlib
+export OPENBLAS_NUM_THREADS ?= 1
+export OMP_NUM_THREADS ?= 1
+export SOURCE_DATE_EPOCH := 1735689600
+
+# In a recipe: -j$(JOBS) for a sub-make, unless the user gave make a -j of their own.
+PARALLEL = $(if $(findstring -j,$(MAKEFLAGS)),,-j$(JOBS))
+SUBMAKE = $(MAKE) --no-print-directory
+
+.PHONY: help setup lock tex check results notebooks paper pdf test lint clean distclean
+.PHONY: $(NOTEBOOKS:%=run/%) $(NOTEBOOKS:%=refresh/%)
+
+help:
+	@echo 'make paper      everything, from nothing to paper/sngr.pdf (installs TeX if it may)'
+	@echo 'make test       tests, and the committed notebooks re-run and compared'
+	@echo 'make results    the notebooks only: figures/ and build/results/ (needs no TeX)'
+	@echo 'make run/NAME   one notebook, e.g. make run/01_bimodal'
+	@echo 'make notebooks  execute the committed notebooks in place, refreshing their outputs'
+	@echo 'make setup      the Python environment only (.venv)'
+	@echo 'make lint       ruff'
+	@echo 'make lock       resolve pyproject.toml into environment.lock again (needs uv)'
+	@echo 'make clean      remove what was built; make distclean also removes .venv'
+	@echo 'JOBS=1 runs the notebooks one after the other (default 2 at a time).'
+
+# Sequential on purpose, so that -j cannot start long work before the checks.
+paper:
+	@$(SUBMAKE) tex
+	@$(SUBMAKE) results
+	@$(SUBMAKE) pdf
+
+setup:
+	@bash scripts/setup.sh '$(PYTHON)'
+
+check: setup
+	@$(RUN) check
+
+results: check
+	@$(SUBMAKE) $(PARALLEL) $(NOTEBOOKS:%=run/%)
+
+$(NOTEBOOKS:%=run/%): run/%: setup
+	@$(RUN) notebook $*
+
+notebooks: check
+	@$(SUBMAKE) $(PARALLEL) $(NOTEBOOKS:%=refresh/%)
+
+$(NOTEBOOKS:%=refresh/%): refresh/%: setup
+	@$(RUN) refresh $*
+
+tex:
+	@bash scripts/install_tex.sh
+
+pdf: setup
+	@$(RUN) latex
+	@bash scripts/typeset.sh
+
+test: check
+	@$(PY) -m pytest
+
+lint: setup
+	@$(PY) -m ruff check . && $(PY) -m ruff format --check .
+
+lock:
+	@command -v uv > /dev/null || { echo 'make lock needs uv on the PATH' >&2; exit 1; }
+	uv pip compile --quiet --universal --fork-strategy fewest --generate-hashes --no-annotate \
+	  --no-header --python-version 3.11 --group dev pyproject.toml -o environment.lock
+
+clean:
+	rm -rf build paper/generated paper/sngr.pdf .pytest_cache .ruff_cache .coverage
+
+distclean: clean
+	rm -rf .venv sngr_utils/__pycache__ tests/__pycache__

@@ -1,0 +1,69 @@
+"""One world, one iSAM2 run, and what the trigger makes of it (paper, section "Baseline")."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sngr_utils import graph, metrics, windows, world
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """An iSAM2 run with its windows judged. T poses, N = T - 2 windows.
+
+    Attributes
+    ----------
+    p, seed : wrong-association probability and seed of the world
+    world, solution : the data and the MAP estimate
+    position_errors : (T,) distance of each pose to the truth, [m]
+    covariances : (N, 9, 9) joint marginals of the windows
+    scores : (N,) log10 condition numbers
+    failed : (N,) bool, mean error above 0.5 m
+    pose_rmse, landmark_rmse : [m]
+    nees : average over the poses
+    """
+
+    p: float
+    seed: int
+    world: world.World
+    solution: graph.Solution
+    position_errors: np.ndarray
+    covariances: np.ndarray
+    scores: np.ndarray
+    failed: np.ndarray
+    pose_rmse: float
+    landmark_rmse: float
+    nees: float
+
+    def fired(self, tau: float) -> np.ndarray:
+        """(N,) bool: which windows trigger at `tau`."""
+        return windows.triggers(self.scores, tau)
+
+    def detection(self, tau: float) -> metrics.Detection:
+        """The trigger at `tau` against failure, over all N windows."""
+        return metrics.detection(self.fired(tau), self.failed)
+
+
+def run_baseline(
+    scenario: world.Scenario, conventions: graph.Conventions, p: float, seed: int
+) -> Baseline:
+    """Simulate the world of `seed`, run iSAM2, score and judge every window."""
+    the_world = world.simulate(scenario, p, rng=np.random.default_rng(seed))
+    solution = graph.run_isam2(the_world, conventions)
+    errors = solution.poses[:, :2] - the_world.poses[:, :2]
+    distances = np.hypot(errors[:, 0], errors[:, 1])
+    covariances = windows.covariances(solution)
+    frame = conventions.nees_frame
+    return Baseline(
+        p=p,
+        seed=seed,
+        world=the_world,
+        solution=solution,
+        position_errors=distances,
+        covariances=covariances,
+        scores=np.array([windows.score(covariance) for covariance in covariances]),
+        failed=windows.failures(distances),
+        pose_rmse=metrics.rmse(solution.poses[:, :2], the_world.poses[:, :2]),
+        landmark_rmse=metrics.rmse(solution.landmarks, the_world.landmarks),
+        nees=metrics.nees(errors, graph.position_covariances(solution, frame)),
+    )

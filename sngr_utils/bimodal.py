@@ -1,0 +1,298 @@
+"""Driver of notebook 01: a landmark seen from two anchors has two places to be."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import gtsam
+import numpy as np
+import pandas as pd
+from dynesty.results import Results
+from dynesty.utils import resample_run
+from gtsam.symbol_shorthand import A, L
+from pydantic import Field, model_validator
+
+from sngr_utils import metrics, nested, report
+from sngr_utils.world import Positive, Seed
+
+ANCHOR_SIGMA = 1e-6  # m: the anchors are known
+ANCHORS, LANDMARK = (A(0), A(1)), L(0)
+
+
+class Config(nested.SamplerSettings):
+    """Parameters of the bimodal experiment; the defaults are the paper's values, in m."""
+
+    anchor_distance: Positive = 4.0
+    measured_range: Positive = 3.0
+    range_sigma: Positive = 0.2
+    landmark_prior_sigma: Positive = 10.0
+    prior_scale: Positive = 50.0
+    n_repeats: Annotated[int, Field(ge=2)] = 20
+    seed: Seed = 0
+
+    @model_validator(mode="after")
+    def _circles_cross(self):
+        if self.measured_range <= self.anchor_distance / 2:
+            raise ValueError(
+                f"measured_range is {self.measured_range}: it must exceed half of "
+                f"anchor_distance ({self.anchor_distance}), or the two circles do not cross"
+            )
+        return self
+
+    @property
+    def anchors(self) -> np.ndarray:
+        """(2, 2) anchor positions, [m]"""
+        return np.array([[0.0, 0.0], [self.anchor_distance, 0.0]])
+
+    @property
+    def saddle(self) -> np.ndarray:
+        """(2,) the point midway between the anchors, where the landmark is started, [m]"""
+        return self.anchors.mean(axis=0)
+
+    @property
+    def modes(self) -> np.ndarray:
+        """(2, 2) where the circles cross, y > 0 first, [m]"""
+        height = np.sqrt(self.measured_range**2 - (self.anchor_distance / 2) ** 2)
+        return self.saddle + np.array([[0.0, height], [0.0, -height]])
+
+
+def build_graph(config: Config) -> gtsam.NonlinearFactorGraph:
+    """Two known anchors, two ranges, and a weak prior on the landmark at the saddle."""
+    graph = gtsam.NonlinearFactorGraph()
+    range_noise = gtsam.noiseModel.Isotropic.Sigma(1, config.range_sigma)
+    known = gtsam.noiseModel.Isotropic.Sigma(2, ANCHOR_SIGMA)
+    weak = gtsam.noiseModel.Isotropic.Sigma(2, config.landmark_prior_sigma)
+    for key, position in zip(ANCHORS, config.anchors, strict=True):
+        graph.push_back(gtsam.PriorFactorPoint2(key, position, known))
+        graph.push_back(gtsam.RangeFactor2(key, LANDMARK, config.measured_range, range_noise))
+    graph.push_back(gtsam.PriorFactorPoint2(LANDMARK, config.saddle, weak))
+    return graph
+
+
+def run_isam2(config: Config, at: np.ndarray, updates: int = 10) -> gtsam.Values:
+    """iSAM2 with the landmark started `at` a point, and extra updates to move if it can."""
+    start = gtsam.Values()
+    for key, position in zip(ANCHORS, config.anchors, strict=True):
+        start.insert(key, position)
+    start.insert(LANDMARK, at)
+    params = gtsam.ISAM2Params()
+    params.setRelinearizeThreshold(1e-6)
+    params.relinearizeSkip = 1
+    isam = gtsam.ISAM2(params)
+    isam.update(build_graph(config), start)
+    for _ in range(updates):
+        isam.update()
+    return isam.calculateEstimate()
+
+
+def log_likelihood(config: Config, estimate: gtsam.Values) -> nested.LocalLikelihood:
+    """Local log-likelihood of the landmark (paper eq. "ll"), as a function of its offset."""
+    factors = build_graph(config)
+    return nested.LocalLikelihood(factors, estimate, [LANDMARK], config.likelihood_factor)
+
+
+def gauss_newton_hessian(config: Config, at: np.ndarray) -> np.ndarray:
+    """(2, 2) J^T J of the landmark's factors: what iSAM2 sees. Ranges only see along the ray."""
+    offset = at - config.anchors
+    rays = offset / np.linalg.norm(offset, axis=1, keepdims=True)
+    ranges = rays.T @ rays / config.range_sigma**2
+    return ranges + np.eye(2) / config.landmark_prior_sigma**2
+
+
+def full_hessian(config: Config, at: np.ndarray) -> np.ndarray:
+    """(2, 2) true second derivative of the negative log posterior at a point.
+
+    Adds to `gauss_newton_hessian` the curvature of the circles,
+    (rho - z) / (rho sigma^2) (I - n n^T), n the ray and rho the distance; negative inside a
+    circle.
+    """
+    hessian = gauss_newton_hessian(config, at)
+    for offset in at - config.anchors:
+        distance = np.linalg.norm(offset)
+        ray = offset / distance
+        curvature = (distance - config.measured_range) / (distance * config.range_sigma**2)
+        hessian += curvature * (np.eye(2) - np.outer(ray, ray))
+    return hessian
+
+
+@dataclass(frozen=True)
+class Result:
+    """Lengths in m, log quantities in nats.
+
+    Attributes
+    ----------
+    config : the parameters
+    map, best : (2,) the iSAM2 estimate, and the nested sample of highest likelihood
+    loglik_map, loglik_best : local log-likelihoods there
+    covariance : (2, 2) marginal covariance at the iSAM2 estimate
+    run : the nested sampling run (the first of the repeats)
+    samples, weights : (N, 2) positions and (N,) posterior weights
+    upper_masses : (n_repeats,) posterior mass at y > 0 in runs that differ in their random
+        stream only; the first belongs to `run`
+    resampled_error : what resampling `run` alone says the error of its mass is
+    """
+
+    config: Config
+    map: np.ndarray
+    best: np.ndarray
+    loglik_map: float
+    loglik_best: float
+    covariance: np.ndarray
+    run: nested.NestedRun
+    samples: np.ndarray
+    weights: np.ndarray
+    upper_masses: np.ndarray
+    resampled_error: float
+
+    @property
+    def upper_mass(self) -> float:
+        """Posterior mass of the upper mode in `run`."""
+        return float(self.upper_masses[0])
+
+    @property
+    def upper_mass_error(self) -> float:
+        """Standard error of the mass of one run: the spread of the repeated runs."""
+        return report.standard_deviation(self.upper_masses)
+
+    @property
+    def delta_logp(self) -> float:
+        return self.loglik_best - self.loglik_map
+
+    @property
+    def sigma_y(self) -> float:
+        """Weighted standard deviation of y, [m]"""
+        return float(np.sqrt(self.run.covariance[1, 1]))
+
+    @property
+    def bimodality(self) -> float:
+        return metrics.bimodality_coefficient(self.samples[:, 1], self.weights)
+
+    def mode_distance(self, point: np.ndarray) -> float:
+        """Distance to the nearer mode, [m]"""
+        return float(np.linalg.norm(self.config.modes - point, axis=1).min())
+
+
+def run(config: Config, at: np.ndarray | None = None) -> Result:
+    """iSAM2 from the saddle (or `at` (2,)), then repeated nested sampling under N(MAP, c Sigma)."""
+    estimate = run_isam2(config, config.saddle if at is None else at)
+    likelihood = log_likelihood(config, estimate)
+    covariance = gtsam.Marginals(build_graph(config), estimate).marginalCovariance(LANDMARK)
+    transform = nested.prior_transform(covariance, config.prior_scale)
+    *streams, resample_rng = np.random.default_rng(config.seed).spawn(config.n_repeats + 1)
+    runs = [nested.run_nested(likelihood, transform, 2, config, rng=rng) for rng in streams]
+    first, position = runs[0], estimate.atPoint2(LANDMARK)
+    return Result(
+        config=config,
+        map=position,
+        best=position + first.best,
+        loglik_map=likelihood(np.zeros(2)),
+        loglik_best=likelihood(first.best),
+        covariance=covariance,
+        run=first,
+        samples=position + first.samples,
+        weights=first.weights,
+        upper_masses=np.array([upper_mass(run.results) for run in runs]),
+        resampled_error=resampled_mass_error(first, rng=resample_rng),
+    )
+
+
+def upper_mass(results: Results) -> float:
+    """Posterior mass above the anchors' line (offsets y > 0)."""
+    return float(results.importance_weights() @ (results.samples[:, 1] > 0))
+
+
+def resampled_mass_error(run: nested.NestedRun, n: int = 50, *, rng: np.random.Generator) -> float:
+    """Standard error of `upper_mass` by resampling the strands of one run.
+
+    Too small here. A random walk starts at a live point and stays in its mode, so once the
+    modes are apart their live points multiply and die out by chance, as genes drift in a
+    small population; the strands of the one run cannot show that.
+
+    Source: Higson et al., Statistics and Computing 29 (2019) 891; `dynesty.utils.resample_run`.
+    """
+    masses = [upper_mass(resample_run(run.results, rstate=rng)) for _ in range(n)]
+    return float(np.std(masses, ddof=1))
+
+
+def hessian_table(config: Config) -> pd.DataFrame:
+    """Eigenvalues of both Hessians at the saddle and at a mode, [1/m^2]."""
+    rows = []
+    for name, at in (("saddle", config.saddle), ("mode", config.modes[0])):
+        for kind, hessian in (
+            ("Gauss-Newton", gauss_newton_hessian(config, at)),
+            ("full", full_hessian(config, at)),
+        ):
+            low, high = np.linalg.eigvalsh(hessian)
+            shown = [report.text(low), report.text(high)]
+            rows.append([name, kind, *shown, report.text(np.log10(high / low)) if low > 0 else "–"])
+    return pd.DataFrame(rows, columns=["at", "Hessian", "smallest", "largest", "log10 cond."])
+
+
+def profile(config: Config, y: np.ndarray, factor: float) -> np.ndarray:
+    """(N,) log-likelihood of the ranges alone on the line through both modes, [nats].
+
+    Parameters
+    ----------
+    y : (N,) heights above the anchors' line, [m]
+    factor : factor on GTSAM's error(), see `nested.SamplerSettings`
+    """
+    distance = np.hypot(config.anchor_distance / 2, y)
+    error = (distance - config.measured_range) ** 2 / (2 * config.range_sigma**2)
+    return -factor * 2 * error
+
+
+def comparison_table(result: Result) -> pd.DataFrame:
+    """tab:bimodal, printed value beside ours."""
+    printed, t = report.printed_values()["bimodal"], report.text
+
+    def point(p):
+        return f"({t(p[0], '.3f')}, {t(p[1], '.3f')})"
+
+    def row(name, key, ours, fmt=".2f"):
+        return [name, t(printed[key], fmt), t(ours, fmt)]
+
+    return pd.DataFrame(
+        [
+            ["iSAM2 estimate [m]", point(printed["map"]), point(result.map)],
+            ["best nested sample [m]", point(printed["ns_best"]), point(result.best)],
+            row("log-likelihood, iSAM2", "loglik_map", result.loglik_map),
+            row("log-likelihood, best sample", "loglik_ns", result.loglik_best),
+            row("gain Δ log p", "delta_logp", result.delta_logp),
+            row("distance to a mode, iSAM2 [m]", "error_from_mode_map",
+                result.mode_distance(result.map), ".3f"),
+            row("distance to a mode, best [m]", "error_from_mode_ns",
+                result.mode_distance(result.best), ".3f"),
+            row("weighted σ of y [m]", "weighted_sigma_y", result.sigma_y),
+            row("bimodality coefficient", "bimodality_coefficient", result.bimodality),
+            ["mass of the upper mode", report.NONE,
+             f"{t(result.upper_mass)} ± {t(result.upper_mass_error)}"],
+            [f"same, mean of {len(result.upper_masses)} runs", report.NONE,
+             f"{t(result.upper_masses.mean())} ± {t(report.standard_error(result.upper_masses))}"],
+        ],
+        columns=["quantity", "printed", "ours"],
+    )  # fmt: skip
+
+
+def record(result: Result, to: report.Report) -> None:
+    """Hand the experiment's values to the paper."""
+    for name, factor in (("as_printed", 0.5), ("correct", 1.0)):
+        saddle = profile(result.config, np.array(0.0), factor)
+        to.value(f"bimodal.loglik_saddle_{name}", saddle, unit="nats")
+    to.value("bimodal.delta_logp", result.delta_logp, unit="nats")
+    to.value("bimodal.sigma_y", result.sigma_y, unit="m", n=len(result.samples))
+    masses = result.upper_masses
+    to.value("bimodal.upper_mass", result.upper_mass, error=result.upper_mass_error)
+    to.value("bimodal.resampled_error", result.resampled_error)
+    to.value("bimodal.mass_spread", result.upper_mass_error, n=len(masses))
+    mean_error = report.standard_error(masses)
+    to.value("bimodal.mean_mass", masses.mean(), error=mean_error, n=len(masses))
+    to.value("bimodal.bimodality", result.bimodality, n=len(result.samples))
+    printed_best = np.array(report.printed_values()["bimodal"]["ns_best"])
+    to.value("bimodal.printed_distance", result.mode_distance(printed_best), ".4f", "m")
+    to.value("bimodal.calls", result.run.calls, ".0f")
+
+
+def mode_width(result: Result) -> float:
+    """Weighted standard deviation of y within the upper mode, [m]"""
+    upper = result.samples[:, 1] > 0
+    y, weights = result.samples[upper, 1], result.weights[upper]
+    return float(np.sqrt(np.cov(y, aweights=weights)))

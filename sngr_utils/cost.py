@@ -1,0 +1,251 @@
+"""Driver of notebook 04: what selective refinement costs, and what it saves."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, TypeVar
+
+import gtsam
+import numpy as np
+import pandas as pd
+from pydantic import Field, model_validator
+
+from sngr_utils import graph, nested, refine, report, windows
+from sngr_utils.baseline import Baseline, run_baseline
+from sngr_utils.world import Positive, Probability, Scenario, Seed
+
+T = TypeVar("T")
+
+
+class Config(Scenario, nested.SamplerSettings, refine.Gate):
+    """Parameters of the cost study; the defaults are the paper's values.
+
+    timing_calls : likelihood calls behind each time per call
+    """
+
+    seed: Seed = 0
+    p_levels: Annotated[list[Probability], Field(min_length=1)] = [0.0, 0.1, 0.2, 0.3]
+    tau: Positive = 3.9
+    timing_calls: Annotated[int, Field(ge=10)] = 2000
+    preset: str = "B"
+    conventions: dict = {}
+
+    @model_validator(mode="after")
+    def _consistent(self):
+        graph.conventions(self.preset, self.conventions)
+        if len(set(self.p_levels)) < len(self.p_levels):
+            raise ValueError(f"p_levels is {self.p_levels}: it must not repeat a value")
+        return self
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What one world costs. N windows.
+
+    Attributes
+    ----------
+    baseline : iSAM2 and the trigger
+    fired : (N,) bool
+    calls : (N,) likelihood calls of each window's run; the same on every machine
+    seconds : (N,) wall clock of each window's run
+    isam2_seconds : wall clock of the whole iSAM2 run
+    """
+
+    baseline: Baseline
+    fired: np.ndarray
+    calls: np.ndarray
+    seconds: np.ndarray
+    isam2_seconds: float
+
+    @property
+    def saving_calls(self) -> float:
+        """Likelihood calls of the exhaustive run over those of the selective one."""
+        return _ratio(self.calls.sum(), self.calls[self.fired].sum())
+
+    @property
+    def saving_seconds(self) -> float:
+        """The same as a ratio of wall clocks, both from this one run."""
+        return _ratio(self.seconds.sum(), self.seconds[self.fired].sum())
+
+
+def _ratio(exhaustive: float, selective: float) -> float:
+    return float(exhaustive / selective) if selective else float("nan")
+
+
+def timed(work: Callable[[], T]) -> tuple[T, float]:
+    """The result of `work()` and its wall clock, [s]."""
+    start = time.perf_counter()
+    result = work()
+    return result, time.perf_counter() - start
+
+
+def run(config: Config) -> dict[float, Cost]:
+    """Refine *every* window at every p, timing each; the selective run is a part of it."""
+    return {p: run_level(config, p) for p in config.p_levels}
+
+
+def run_level(config: Config, p: float) -> Cost:
+    """One p. The windows' random streams are those of the full pipeline (notebook 03)."""
+    conventions = graph.conventions(config.preset, config.conventions)
+    base = run_baseline(config.part(Scenario), conventions, p, config.seed)
+    _, isam2_seconds = timed(lambda: graph.run_isam2(base.world, conventions))
+    streams = np.random.default_rng([config.seed, 1]).spawn(len(base.covariances))
+    settings, gate = config.part(nested.SamplerSettings), config.part(refine.Gate)
+    calls, seconds = [], []
+    for t, rng in enumerate(streams):
+        refined, took = timed(
+            lambda t=t, rng=rng: refine.refine_window(
+                base.solution, t, base.covariances[t], settings, gate, rng=rng
+            )
+        )
+        calls.append(refined.run.calls)
+        seconds.append(took)
+    return Cost(base, base.fired(config.tau), np.array(calls), np.array(seconds), isam2_seconds)
+
+
+@dataclass(frozen=True)
+class ClosureCost:
+    """The likelihood of a window with the closure taken literally, and with what matters of it.
+
+    Attributes
+    ----------
+    all_factors, window_factors : number of factors in each
+    seconds_loop, seconds_all, seconds_window : wall clock per call: all factors one by one in
+        Python, all in one GTSAM call, those that touch the window in one GTSAM call
+    largest_difference : largest deviation between the first two differences of log-likelihood
+        to the MAP and the third, over random points, [nats]
+    """
+
+    all_factors: int
+    window_factors: int
+    seconds_loop: float
+    seconds_all: float
+    seconds_window: float
+    largest_difference: float
+
+
+def closure_cost(config: Config, cost: Cost, t: int, *, rng: np.random.Generator) -> ClosureCost:
+    """Time the three ways of writing the likelihood of window t, and check they agree."""
+    solution, keys = cost.baseline.solution, windows.window_keys(t)
+    closed = windows.closure(solution.graph, keys)
+    whole = windows.touching_factors(solution.graph, list(closed))
+    factors = windows.touching_factors(solution.graph, keys)
+
+    def likelihood(chosen):
+        return nested.LocalLikelihood(chosen, solution.estimate, keys, config.likelihood_factor)
+
+    looped = likelihood(FactorLoop(whole))
+    all_at_once, local = likelihood(whole), likelihood(factors)
+    cholesky = np.linalg.cholesky(cost.baseline.covariances[t])
+    points = rng.normal(size=(config.timing_calls, local.dimension)) @ cholesky.T
+    values, seconds = [], []
+    for function in (looped, all_at_once, local):
+        at_points, took = timed(lambda f=function: np.array([f(point) for point in points]))
+        values.append(at_points - function(np.zeros(local.dimension)))
+        seconds.append(took / len(points))
+    return ClosureCost(
+        whole.size(), factors.size(), *seconds,
+        largest_difference=float(max(abs(v - values[2]).max() for v in values[:2])),
+    )  # fmt: skip
+
+
+class FactorLoop:
+    """A factor graph whose error is summed factor by factor in Python, as the paper's is."""
+
+    def __init__(self, graph: gtsam.NonlinearFactorGraph):
+        self._factors = [graph.at(i) for i in range(graph.size())]
+
+    def size(self) -> int:
+        return len(self._factors)
+
+    def error(self, values: gtsam.Values) -> float:
+        return sum(factor.error(values) for factor in self._factors)
+
+
+def middle_window(costs: dict[float, Cost]) -> int:
+    """First pose of the window in the middle of the trajectory."""
+    return len(next(iter(costs.values())).calls) // 2
+
+
+def single_window(config: Config, t: int) -> nested.NestedRun:
+    """The nested sampling run of window t at the first p, for settings other than the paper's."""
+    conventions = graph.conventions(config.preset, config.conventions)
+    base = run_baseline(config.part(Scenario), conventions, config.p_levels[0], config.seed)
+    rng = np.random.default_rng([config.seed, 1]).spawn(len(base.covariances))[t]
+    settings, gate = config.part(nested.SamplerSettings), config.part(refine.Gate)
+    covariance = base.covariances[t]
+    return refine.refine_window(base.solution, t, covariance, settings, gate, rng=rng).run
+
+
+def cost_table(costs: dict[float, Cost]) -> pd.DataFrame:
+    """tab:cost, printed beside ours: wall clocks (ours from one run on one machine) and savings."""
+    printed, t, rows = report.printed_values()["cost"], report.text, []
+    for p, cost in costs.items():
+        was = printed.get(p, {})
+        rows.append([
+            f"{p:g}", t(was.get("triggered"), "d"), str(int(cost.fired.sum())),
+            t(was.get("isam2")), t(cost.isam2_seconds, ".3f"),
+            t(was.get("refine"), "d"), t(cost.seconds[cost.fired].sum(), ".1f"),
+            t(was.get("exhaustive"), "d"), t(cost.seconds.sum(), ".1f"),
+            t(was.get("saving"), ".1f"), t(cost.saving_seconds, ".1f"), t(cost.saving_calls, ".1f"),
+        ])  # fmt: skip
+    groups = ["triggered", "iSAM2 [s]", "refine [s]", "exhaustive [s]"]
+    heads = [("", "p")] + [(name, who) for name in groups for who in ("printed", "ours")]
+    heads += [("saving", who) for who in ("printed", "ours", "in calls")]
+    return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples(heads))
+
+
+def closure_table(costs: dict[float, Cost], closure: ClosureCost) -> pd.DataFrame:
+    """Time per likelihood call, and per window if all its calls cost that much."""
+    calls = np.concatenate([cost.calls for cost in costs.values()]).mean()
+    seconds = np.concatenate([cost.seconds for cost in costs.values()]).mean()
+    t = report.text
+    rows = [
+        [name, str(n), t(1e6 * each, ".0f"), t(each / closure.seconds_window, ".1f"),
+         t(calls * each), t(100 * calls * each / seconds, ".0f")]
+        for name, n, each in (
+            ("closure, one by one", closure.all_factors, closure.seconds_loop),
+            ("closure, one call", closure.all_factors, closure.seconds_all),
+            ("touching factors, one call", closure.window_factors, closure.seconds_window),
+        )
+    ]  # fmt: skip
+    columns = ["likelihood", "factors", "µs per call", "ratio", "s per window", "% of ours"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def calls_table(costs: dict[float, Cost]) -> pd.DataFrame:
+    """Likelihood calls, which are the same on every machine."""
+    rows = [
+        [
+            f"{p:g}",
+            str(int(cost.fired.sum())),
+            report.text(float(cost.calls.mean()), ".0f"),
+            report.text(float(cost.calls[cost.fired].sum()), ".0f"),
+            report.text(float(cost.calls.sum()), ".0f"),
+            report.text(cost.saving_calls, ".1f"),
+        ]
+        for p, cost in costs.items()
+    ]
+    columns = ["p", "triggered", "calls per window", "selective", "exhaustive", "saving"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def record(costs: dict[float, Cost], closure: ClosureCost, to: report.Report) -> None:
+    """Hand the costs to the paper, wall clocks apart from the rest."""
+    for p, cost in costs.items():
+        to.value(f"cost.saving_calls.p{p:g}", cost.saving_calls, ".1f")
+        to.value(f"cost.saving_seconds.p{p:g}", cost.saving_seconds, ".1f", timing=True)
+    calls = np.concatenate([cost.calls for cost in costs.values()])
+    to.value("cost.calls_per_window", calls.mean(), ".0f", n=len(calls))
+    to.value("closure.all_factors", closure.all_factors, ".0f")
+    to.value("closure.window_factors", closure.window_factors, ".0f")
+    seconds = np.concatenate([cost.seconds for cost in costs.values()])
+    to.value("cost.seconds_per_window", seconds.mean(), unit="s", n=len(seconds), timing=True)
+    isam2 = np.mean([cost.isam2_seconds for cost in costs.values()])
+    to.value("cost.window_over_isam2", seconds.mean() / isam2, ".0f", timing=True)
+    in_likelihood = calls.mean() * closure.seconds_window / seconds.mean()
+    to.value("cost.likelihood_share", 100 * in_likelihood, ".0f", timing=True)
+    to.value("closure.loop_over_window", closure.seconds_loop / closure.seconds_window, ".0f",
+             timing=True)  # fmt: skip
+    to.value("closure.all_over_window", closure.seconds_all / closure.seconds_window, ".1f",
+             timing=True)  # fmt: skip

@@ -1,0 +1,308 @@
+"""Driver of notebook 03: the whole algorithm, from trigger to gate."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+import pandas as pd
+from pydantic import Field, model_validator
+
+from sngr_utils import graph, metrics, nested, refine, report, windows, world
+from sngr_utils.baseline import Baseline, run_baseline
+from sngr_utils.world import Positive, Probability, Scenario, Seed
+
+
+class Config(Scenario, nested.SamplerSettings, refine.Gate, refine.TriggerOnly):
+    """Parameters of the full pipeline; the defaults are the paper's values.
+
+    p_levels : wrong-association probabilities; must hold p_diagnosed and p_noop
+    p_diagnosed : level of the diagnostics figure
+    p_noop : level of the trigger-only baseline
+    """
+
+    seed: Seed = 0
+    p_levels: Annotated[list[Probability], Field(min_length=1)] = [0.0, 0.1, 0.2, 0.3]
+    p_diagnosed: Probability = 0.2
+    p_noop: Probability = 0.3
+    tau: Positive = 3.9
+    preset: str = "B"
+    conventions: dict = {}
+
+    @model_validator(mode="after")
+    def _consistent(self):
+        graph.conventions(self.preset, self.conventions)
+        for name in ("p_diagnosed", "p_noop"):
+            if getattr(self, name) not in self.p_levels:
+                raise ValueError(f"{name} is {getattr(self, name)}: it must be one of p_levels")
+        if len(set(self.p_levels)) < len(self.p_levels):
+            raise ValueError(f"p_levels is {self.p_levels}: it must not repeat a value")
+        return self
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """SNGR on one world.
+
+    Attributes
+    ----------
+    baseline : iSAM2 and the trigger
+    windows : the refined windows, ascending
+    poses : (T, 3) after all accepted windows were applied, [m, m, rad]
+    pose_rmse : [m]
+    nees : with iSAM2's covariances
+    odometry_rmse : of dead reckoning from the true first pose, for scale, [m]
+    """
+
+    baseline: Baseline
+    windows: list[refine.RefinedWindow]
+    poses: np.ndarray
+    pose_rmse: float
+    nees: float
+    odometry_rmse: float
+
+    @property
+    def accepted(self) -> int:
+        return sum(window.accepted for window in self.windows)
+
+    @property
+    def gains(self) -> np.ndarray:
+        """(n,) delta log p of the refined windows, [nats]"""
+        return np.array([window.delta_logp for window in self.windows])
+
+    @property
+    def ess_shares(self) -> np.ndarray:
+        """(n,) effective sample size of the refined windows as a share of their samples"""
+        return np.array([window.run.ess_share for window in self.windows])
+
+
+def run(config: Config) -> dict[float, Refinement]:
+    """SNGR at every p, on the world of `seed` (paper, Algorithm 1)."""
+    return {p: run_level(config, p) for p in config.p_levels}
+
+
+def run_level(config: Config, p: float) -> Refinement:
+    """SNGR at one p. The sampler's stream depends on the seed, not on p or the other levels."""
+    conventions = graph.conventions(config.preset, config.conventions)
+    base = run_baseline(config.part(Scenario), conventions, p, config.seed)
+    refined = refine.refine_windows(
+        base.solution,
+        np.flatnonzero(base.fired(config.tau)),
+        base.covariances,
+        config.part(nested.SamplerSettings),
+        config.part(refine.Gate),
+        rng=np.random.default_rng([config.seed, 1]),
+    )
+    updated = refine.apply_updates(base.solution.estimate, refined)
+    poses, true = graph.poses_of(updated, base.world.n_poses), base.world.poses
+    covariances = graph.position_covariances(base.solution, conventions.nees_frame)
+    dead = world.dead_reckoning(true[0], base.world.odometry)
+    return Refinement(
+        baseline=base,
+        windows=refined,
+        poses=poses,
+        pose_rmse=metrics.rmse(poses[:, :2], true[:, :2]),
+        nees=metrics.nees(poses[:, :2] - true[:, :2], covariances),
+        odometry_rmse=metrics.rmse(dead[:, :2], true[:, :2]),
+    )
+
+
+def run_presets(config: Config) -> dict[str, Refinement]:
+    """SNGR at p_diagnosed under each preset of the open conventions, on the same data."""
+    return {
+        preset: run_level(
+            config.model_copy(update={"preset": preset, "conventions": {}}), config.p_diagnosed
+        )
+        for preset in graph.PRESETS
+    }
+
+
+def noop_mean_log_weights(config: Config, level: Refinement) -> np.ndarray:
+    """(n,) mean log importance weight of the no-op sampler on each triggered window, [nats]."""
+    base = level.baseline
+    streams = np.random.default_rng([config.seed, 2]).spawn(len(base.covariances))
+    settings = config.part(refine.TriggerOnly)
+    return np.array([
+        refine.noop_log_weights(base.covariances[t], settings, rng=streams[t]).mean()
+        for t in np.flatnonzero(base.fired(config.tau))
+    ])
+
+
+def noop_expected(config: Config, level: Refinement) -> np.ndarray:
+    """(n,) closed form of the same, for the same windows, [nats]."""
+    base = level.baseline
+    return np.array([
+        refine.noop_expected_log_weight(base.covariances[t], config.noop_sigma)
+        for t in np.flatnonzero(base.fired(config.tau))
+    ])
+
+
+def example_window(level: Refinement) -> refine.RefinedWindow:
+    """The refined window of highest score, to look at from close by.
+
+    Raises
+    ------
+    ValueError : no window triggered
+    """
+    if not level.windows:
+        raise ValueError("no window triggers at p_diagnosed: lower tau, or choose another level")
+    return max(level.windows, key=lambda window: level.baseline.scores[window.t])
+
+
+def likelihood_of(config: Config, level: Refinement, t: int) -> nested.LocalLikelihood:
+    """Local log-likelihood of window t, as the sampler sees it."""
+    return refine.window_likelihood(level.baseline.solution, t, config.likelihood_factor)
+
+
+def window_positions(
+    config: Config, level: Refinement, window: refine.RefinedWindow, n: int = 300
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Positions of a window's poses: truth (3, 2), iSAM2 (3, 2), n samples (n, 3, 2), mean (3, 2).
+
+    The samples are those of largest weight.
+    """
+    likelihood = likelihood_of(config, level, window.t)
+    heaviest = window.run.samples[np.argsort(window.run.weights)[-n:]]
+
+    def positions(poses):
+        return np.array([graph.pose_vector(pose)[:2] for pose in poses])
+
+    part = slice(window.t, window.t + windows.WIDTH)
+    return (
+        level.baseline.world.poses[part, :2],
+        level.baseline.solution.poses[part, :2],
+        np.array([positions(likelihood.variables(xi)) for xi in heaviest]),
+        positions(window.poses),
+    )
+
+
+def mean_cost(level: Refinement) -> float:
+    """Expected loss of log posterior by taking a sampled mean for the maximum, d / 2n, [nats].
+
+    n is the mean effective sample size of the level's windows; exact for a Gaussian.
+    """
+    runs = [window.run for window in level.windows]
+    effective = np.mean([run.ess_share * len(run.samples) for run in runs])
+    return float(runs[0].samples.shape[1] / (2 * effective))
+
+
+def spread_ratio(level: Refinement) -> float:
+    """Sampled over marginal standard deviation, geometric mean over coordinates and windows."""
+    return float(
+        np.exp(
+            np.mean([
+                0.5 * np.log(np.diag(window.run.covariance))
+                - 0.5 * np.log(np.diag(level.baseline.covariances[window.t]))
+                for window in level.windows
+            ])
+        )
+    )
+
+
+def rmse_series(levels: dict[float, Refinement]) -> dict[str, list[float]]:
+    """Pose RMSE [m] per level and method, with the printed values where the paper has them."""
+    printed = report.printed_values()["sngr"]
+    return {
+        "dead reckoning": [level.odometry_rmse for level in levels.values()],
+        "iSAM2": [level.baseline.pose_rmse for level in levels.values()],
+        "SNGR": [level.pose_rmse for level in levels.values()],
+        "SNGR as printed": [printed.get(p, {}).get("pose_rmse", np.nan) for p in levels],
+    }
+
+
+def per_window(
+    presets: dict[str, Refinement], what: str
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Preset -> (windows, their "delta_logp" [nats] or "ess_share")."""
+    chosen = {}
+    for name, level in presets.items():
+        values = level.gains if what == "delta_logp" else level.ess_shares
+        chosen[name] = (np.array([window.t for window in level.windows]), values)
+    return chosen
+
+
+def sngr_table(config: Config, levels: dict[float, Refinement]) -> pd.DataFrame:
+    """tab:sngr, printed beside ours, with the RMSE of iSAM2 before refinement."""
+    printed, t, rows = report.printed_values()["sngr"], report.text, []
+    for p, level in levels.items():
+        was, base = printed.get(p, {}), level.baseline
+        found = base.detection(config.tau)
+        rows.append([
+            f"{p:g}", t(base.pose_rmse), t(was.get("pose_rmse")), t(level.pose_rmse),
+            t(was.get("landmark_rmse")), t(base.landmark_rmse),
+            t(was.get("nees"), ".1f"), t(level.nees, ".1f"),
+            t(was.get("triggered"), "d"), str(found.triggered), str(level.accepted),
+            t(was.get("precision")), t(found.precision), t(was.get("recall")), t(found.recall),
+        ])  # fmt: skip
+    both = ("printed", "ours")
+    heads = [
+        ("", "p"), ("iSAM2 RMSE", "ours"),
+        *[(name, who) for name in ("SNGR RMSE", "landmark RMSE", "NEES", "triggered")
+          for who in both],
+        ("accepted", "ours"),
+        *[(name, who) for name in ("precision", "recall") for who in both],
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples(heads))
+
+
+def gain_table(levels: dict[float, Refinement]) -> pd.DataFrame:
+    """Gain of the refined windows, what the gate made of them, what the trajectory gained."""
+    rows = [[f"{p:g}", *_gain_cells(level)] for p, level in levels.items()]
+    return pd.DataFrame(rows, columns=["p", *GAIN_COLUMNS])
+
+
+def preset_table(presets: dict[str, Refinement]) -> pd.DataFrame:
+    """The same under each preset, after what the paper prints for its own conventions."""
+    low, high = report.printed_values()["diagnostics_p0.2"]["delta_logp_range"]
+    refined = report.printed_values()["sngr"][0.2]["triggered"]
+    printed = [
+        "printed",
+        str(refined),
+        report.NONE,
+        report.text(low),
+        report.NONE,
+        report.text(high),
+    ]
+    rows = [[*printed, report.NONE, report.NONE]]
+    for preset, level in presets.items():
+        rows.append([preset, *_gain_cells(level), report.text(level.baseline.pose_rmse)])
+    return pd.DataFrame(rows, columns=["preset", *GAIN_COLUMNS, "iSAM2 RMSE [m]"])
+
+
+GAIN_COLUMNS = ["refined", "accepted", "least Δ log p", "median", "largest", "RMSE change [mm]"]
+
+
+def _gain_cells(level: Refinement) -> list[str]:
+    gains = level.gains
+    spread = [report.NONE] * 3
+    if len(gains):
+        spread = [report.text(v) for v in (gains.min(), np.median(gains), gains.max())]
+    change = 1e3 * (level.pose_rmse - level.baseline.pose_rmse)
+    return [str(len(gains)), str(level.accepted), *spread, report.text(change, "+.0f")]
+
+
+def record(
+    config: Config,
+    levels: dict[float, Refinement],
+    presets: dict[str, Refinement],
+    to: report.Report,
+) -> None:
+    """Hand the pipeline's values to the paper."""
+    for preset, level in presets.items():
+        to.value(f"sngr.refined.{preset}", len(level.windows), ".0f")
+        change = 1e3 * (level.pose_rmse - level.baseline.pose_rmse)
+        to.value(f"sngr.rmse_change.{preset}", change, "+.0f", "mm")
+        if len(level.windows):
+            to.value(f"sngr.gain_median.{preset}", np.median(level.gains), unit="nats")
+            to.value(f"sngr.gain_max.{preset}", level.gains.max(), unit="nats")
+    for p, level in levels.items():
+        to.value(f"sngr.rmse.p{p:g}", level.pose_rmse, unit="m")
+        to.value(f"sngr.isam2_rmse.p{p:g}", level.baseline.pose_rmse, unit="m")
+        to.value(f"sngr.odometry_rmse.p{p:g}", level.odometry_rmse, unit="m")
+        to.value(f"sngr.triggered.p{p:g}", len(level.windows), ".0f")
+        to.value(f"sngr.accepted.p{p:g}", level.accepted, ".0f")
+    ess = np.concatenate([level.ess_shares for level in levels.values()])
+    if len(ess):
+        to.value("sngr.ess_median", np.median(ess), n=len(ess))
+    weights = noop_mean_log_weights(config, levels[config.p_noop])
+    if len(weights):
+        to.value("noop.mean_log_weight", weights.mean(), ".0f", unit="nats", n=len(weights))

@@ -1,0 +1,192 @@
+"""Results on their way from a notebook to the paper.
+
+A notebook collects values, tables and figures in a `Report` and saves it as JSON; `latex`
+turns the JSON of all notebooks into what the LaTeX source reads. No digit that a run produced
+is typed by hand anywhere. Wall-clock figures, which no two runs share, go to a file of their
+own, ``<notebook>.timings.json``.
+"""
+
+import json
+import math
+from collections.abc import Sequence
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from IPython.display import HTML
+from matplotlib.figure import Figure
+from ruamel.yaml import YAML
+
+from sngr_utils import paths
+
+NONE = "–"  # what a table shows where there is nothing to show
+
+LATEX_CELL = str.maketrans({
+    "±": r"$\pm$", "×": r"$\times$", "–": "--", "−": "$-$", "σ": r"$\sigma$", "τ": r"$\tau$",
+    "Δ": r"$\Delta$", "µ": r"$\mu$", "√": r"$\surd$", "%": r"\%", "&": r"\&", "_": r"\_", "#": r"\#",
+})  # fmt: skip
+
+
+@cache
+def printed_values() -> dict:
+    """The numbers the paper prints (``paper/printed_values.yaml``)."""
+    return YAML(typ="safe", pure=True).load(paths.PRINTED_VALUES)
+
+
+def versions() -> str:
+    """The versions a result depends on most."""
+    return ", ".join(f"{name} {version(name)}" for name in ("gtsam", "dynesty", "numpy"))
+
+
+def text(value: float | None, fmt: str = ".2f") -> str:
+    """A number as a table cell: a proper minus sign, no "-0.00", a dash for None and NaN."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return NONE
+    shown = format(value, fmt)
+    if shown.startswith("-"):
+        shown = shown[1:] if float(shown) == 0 else "−" + shown[1:]
+    return shown
+
+
+def mean_std(values: Sequence[float], fmt: str = ".2f") -> str:
+    """ "mean ± std" of at least two numbers (sample standard deviation)."""
+    return f"{text(float(np.mean(values)), fmt)} ± {text(standard_deviation(values), fmt)}"
+
+
+def standard_deviation(values: Sequence[float]) -> float:
+    """Sample standard deviation; NaN for a single value."""
+    return float(np.std(values, ddof=1)) if len(values) > 1 else float("nan")
+
+
+def standard_error(values: Sequence[float]) -> float:
+    """Standard error of the mean; NaN for a single value."""
+    return standard_deviation(values) / math.sqrt(len(values))
+
+
+def show(frame: pd.DataFrame) -> HTML:
+    """A table of preformatted cells for display in a notebook, without its row numbers."""
+    return HTML(frame.to_html(index=False, border=0))
+
+
+class Report:
+    """Collects what one notebook hands on.
+
+    Parameters
+    ----------
+    notebook : name of the notebook, e.g. "01_bimodal"; the stem of every figure and file
+    output_dir : folder to write to, created if missing. papermill passes its own; opened by
+        hand, a notebook writes below ``build/``
+    """
+
+    def __init__(self, notebook: str, output_dir: str | Path):
+        self.notebook = notebook
+        self.output_dir = Path(output_dir)
+        self.output_dir.mkdir(parents=True, exist_ok=True)
+        self._results = {"notebook": notebook, "values": {}, "tables": {}, "figures": []}
+        self._timings = {"notebook": notebook, "values": {}, "tables": {}}
+
+    def value(
+        self,
+        key: str,
+        value: float,
+        fmt: str = ".2f",
+        unit: str = "",
+        error: float | None = None,
+        n: int = 1,
+        timing: bool = False,
+    ) -> None:
+        """Hand on one number.
+
+        Parameters
+        ----------
+        key : what the paper asks for with ``\\res{key}``, e.g. "baseline.rmse.p0.3"
+        fmt : how the paper prints it
+        error : its standard error where it is stochastic; printed with it
+        n : sample size behind it
+        timing : whether it is a wall-clock figure
+        """
+        entry = {"value": float(value), "format": fmt, "unit": unit, "n": int(n)}
+        if error is not None:
+            entry["standard_error"] = float(error)
+        (self._timings if timing else self._results)["values"][key] = entry
+
+    def table(self, name: str, frame: pd.DataFrame, timing: bool = False) -> HTML:
+        """Hand on a whole table of preformatted cells; returns it, for display."""
+        columns = [list(c) if isinstance(c, tuple) else [c] for c in frame.columns]
+        entry = {"columns": columns, "rows": frame.astype(str).to_numpy().tolist()}
+        (self._timings if timing else self._results)["tables"][name] = entry
+        return show(frame)
+
+    def figure(self, fig: Figure, name: str, png: bool = False) -> None:
+        """Save a figure as ``<notebook>_<name>.pdf``, and as PNG too if the README shows it."""
+        stem = f"{self.notebook}_{name}"
+        fig.savefig(self.output_dir / f"{stem}.pdf", metadata={"CreationDate": None})
+        self._results["figures"].append(f"{stem}.pdf")
+        if png:
+            fig.savefig(self.output_dir / f"{stem}.png", dpi=200)
+            self._results["figures"].append(f"{stem}.png")
+
+    def save(self) -> None:
+        """Write ``<notebook>.json`` and, if there are any, ``<notebook>.timings.json``."""
+        write_json(self.output_dir / f"{self.notebook}.json", self._results)
+        if self._timings["values"] or self._timings["tables"]:
+            write_json(self.output_dir / f"{self.notebook}.timings.json", self._timings)
+
+
+def write_json(path: Path, content: dict) -> None:
+    path.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def read_json(path: Path) -> dict:
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def latex(results: Sequence[dict]) -> dict[str, str]:
+    """File name -> LaTeX text for all values and tables of the given results.
+
+    Raises
+    ------
+    ValueError : two notebooks hand on the same key or table
+    """
+    files, values = {}, {}
+    for result in results:
+        for key, entry in result["values"].items():
+            if key in values:
+                raise ValueError(f"value {key!r} of {result['notebook']} is already taken")
+            values[key] = latex_value(entry)
+        for name, table in result["tables"].items():
+            if f"tab_{name}.tex" in files:
+                raise ValueError(f"table {name!r} of {result['notebook']} is already taken")
+            files[f"tab_{name}.tex"] = latex_table(table)
+    lines = [
+        rf"\expandafter\def\csname res@{key}\endcsname{{{shown}}}" for key, shown in values.items()
+    ]
+    files["values.tex"] = "\n".join(lines) + "\n"
+    return files
+
+
+def latex_value(entry: dict) -> str:
+    """ "12.3 ± 0.4 m" as LaTeX."""
+    shown = text(entry["value"], entry["format"])
+    if "standard_error" in entry:
+        shown += f" ± {text(entry['standard_error'], entry['format'])}"
+    if entry["unit"]:
+        shown += "~" + entry["unit"]
+    return shown.translate(LATEX_CELL)
+
+
+def latex_table(table: dict) -> str:
+    """A whole booktabs tabular, the first column left-aligned, grouped heads spanning columns."""
+    columns = [tuple(cell.translate(LATEX_CELL) for cell in head) for head in table["columns"]]
+    rows = [[cell.translate(LATEX_CELL) for cell in row] for row in table["rows"]]
+    frame = pd.DataFrame(rows)
+    frame.columns = (
+        pd.MultiIndex.from_tuples(columns)
+        if len(columns[0]) > 1
+        else pd.Index([head[0] for head in columns])
+    )
+    return frame.style.hide(axis="index").to_latex(
+        hrules=True, multicol_align="c", column_format="l" + "c" * (len(columns) - 1)
+    )

@@ -1,0 +1,88 @@
+"""Windows of three consecutive poses: their score, their failure, the factors around them."""
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import X
+
+from sngr_utils.graph import Solution, joint_covariance, marginals
+
+WIDTH = 3  # poses in a window, W in the paper
+FAILURE_ERROR = 0.5  # m, mean position error above which a window has failed
+FIRST_ELIGIBLE = WIDTH - 1  # the paper's "t >= W - 1"
+
+
+def window_keys(t: int) -> list[int]:
+    """Keys of the window w(t) = {x_t, x_{t+1}, x_{t+2}}."""
+    return [X(t + i) for i in range(WIDTH)]
+
+
+def n_windows(n_poses: int) -> int:
+    """T - W + 1."""
+    return n_poses - WIDTH + 1
+
+
+def score(covariance: np.ndarray) -> float:
+    """log10 of the condition number of a (D, D) covariance (paper eq. "score").
+
+    Not invariant to units: a pose mixes metres and radians.
+    """
+    eigenvalues = np.linalg.eigvalsh(covariance)
+    return float(np.log10(eigenvalues[-1] / eigenvalues[0]))
+
+
+def covariances(solution: Solution) -> np.ndarray:
+    """(T-W+1, 9, 9) joint marginal covariance Sigma_w of every window."""
+    all_marginals = marginals(solution)
+    return np.array([
+        joint_covariance(all_marginals, window_keys(t)) for t in range(n_windows(solution.n_poses))
+    ])
+
+
+def triggers(window_scores: np.ndarray, tau: float) -> np.ndarray:
+    """(N,) bool: score above tau and t >= W - 1 (paper, Algorithm 1).
+
+    So the first two windows never trigger: of 28 windows, 26 can.
+    """
+    eligible = np.arange(len(window_scores)) >= FIRST_ELIGIBLE
+    return (window_scores > tau) & eligible
+
+
+def failures(position_errors: np.ndarray) -> np.ndarray:
+    """(T-W+1,) bool: mean position error over the window's poses above 0.5 m.
+
+    Parameters
+    ----------
+    position_errors : (T,) distance of each estimated pose to the truth, [m]
+    """
+    means = np.convolve(position_errors, np.full(WIDTH, 1 / WIDTH), mode="valid")
+    return means > FAILURE_ERROR
+
+
+def touching_factors(
+    graph: gtsam.NonlinearFactorGraph, keys: list[int]
+) -> gtsam.NonlinearFactorGraph:
+    """The factors with at least one of `keys`: all that change when the window moves."""
+    wanted, subset = set(keys), gtsam.NonlinearFactorGraph()
+    for i in range(graph.size()):
+        factor = graph.at(i)
+        if wanted.intersection(factor.keys()):
+            subset.push_back(factor)
+    return subset
+
+
+def closure(graph: gtsam.NonlinearFactorGraph, keys: list[int]) -> set[int]:
+    """Closure C_w: all variables joined to `keys` by factors, to a fixed point.
+
+    In a connected graph this is every variable, whatever the window.
+    """
+    neighbours: dict[int, set[int]] = {}
+    for i in range(graph.size()):
+        factor_keys = graph.at(i).keys()
+        for key in factor_keys:
+            neighbours.setdefault(key, set()).update(factor_keys)
+    closed, frontier = set(keys), list(keys)
+    while frontier:
+        new = neighbours.get(frontier.pop(), set()) - closed
+        closed |= new
+        frontier.extend(new)
+    return closed
