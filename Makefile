@@ -30,12 +30,13 @@ PARALLEL = $(if $(findstring -j,$(MAKEFLAGS)),,-j$(JOBS))
 SUBMAKE = $(MAKE) --no-print-directory
 
 .PHONY: help setup lock tex check results notebooks paper pdf test lint clean distclean
-.PHONY: $(NOTEBOOKS:%=run/%) $(NOTEBOOKS:%=refresh/%)
+.PHONY: quick $(NOTEBOOKS:%=run/%) $(NOTEBOOKS:%=quick/%) $(NOTEBOOKS:%=refresh/%)
 
 help:
 	@echo 'make paper      everything, from nothing to paper/sngr.pdf (installs TeX if it may)'
 	@echo 'make test       tests, and the committed notebooks re-run and compared'
 	@echo 'make results    the notebooks only: figures/ and build/results/ (needs no TeX)'
+	@echo 'make quick      the notebooks with the small params/quick, into build/quick'
 	@echo 'make run/NAME   one notebook, e.g. make run/01_bimodal'
 	@echo 'make notebooks  execute the committed notebooks in place, refreshing their outputs'
 	@echo 'make setup      the Python environment only (.venv)'
@@ -61,6 +62,12 @@ results: check
 
 $(NOTEBOOKS:%=run/%): run/%: setup
 	@$(RUN) notebook $*
+
+quick: check
+	@$(SUBMAKE) $(PARALLEL) $(NOTEBOOKS:%=quick/%)
+
+$(NOTEBOOKS:%=quick/%): quick/%: setup
+	@$(RUN) quick $*
 
 notebooks: check
 	@$(SUBMAKE) $(PARALLEL) $(NOTEBOOKS:%=refresh/%)

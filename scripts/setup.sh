@@ -4,8 +4,8 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-# Complete: made from this lock and these requirements, in this folder (a moved copy starts anew).
-current="$(cat environment.lock pyproject.toml | cksum) $PWD"
+# Complete: made from this lock, in this folder (a moved copy starts anew).
+current="$(cksum < environment.lock) $PWD"
 if [ "$(cat .venv/complete 2> /dev/null)" = "$current" ] && .venv/bin/python -c '' 2> /dev/null; then
   exit 0
 fi

@@ -207,7 +207,7 @@ def resampled_mass_error(run: nested.NestedRun, n: int = 50, *, rng: np.random.G
     modes are apart their live points multiply and die out by chance, as genes drift in a
     small population; the strands of the one run cannot show that.
 
-    Source: Higson et al., Statistics and Computing 29 (2019) 891; `dynesty.utils.resample_run`.
+    Source: Higson et al., Bayesian Analysis 13 (2018) 873; `dynesty.utils.resample_run`.
     """
     masses = [upper_mass(resample_run(run.results, rstate=rng)) for _ in range(n)]
     return float(np.std(masses, ddof=1))

@@ -1,5 +1,6 @@
 """Driver of notebook 03: the whole algorithm, from trigger to gate."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -70,6 +71,16 @@ class Refinement:
         return np.array([window.delta_logp for window in self.windows])
 
     @property
+    def median_gain(self) -> float:
+        """[nats]; NaN if no window was refined"""
+        return float(np.median(self.gains)) if self.windows else float("nan")
+
+    @property
+    def largest_gain(self) -> float:
+        """[nats]; NaN if no window was refined"""
+        return float(self.gains.max()) if self.windows else float("nan")
+
+    @property
     def ess_shares(self) -> np.ndarray:
         """(n,) effective sample size of the refined windows as a share of their samples"""
         return np.array([window.run.ess_share for window in self.windows])
@@ -84,14 +95,7 @@ def run_level(config: Config, p: float) -> Refinement:
     """SNGR at one p. The sampler's stream depends on the seed, not on p or the other levels."""
     conventions = graph.conventions(config.preset, config.conventions)
     base = run_baseline(config.part(Scenario), conventions, p, config.seed)
-    refined = refine.refine_windows(
-        base.solution,
-        np.flatnonzero(base.fired(config.tau)),
-        base.covariances,
-        config.part(nested.SamplerSettings),
-        config.part(refine.Gate),
-        rng=np.random.default_rng([config.seed, 1]),
-    )
+    refined = _refine(config, base, np.flatnonzero(base.fired(config.tau)))
     updated = refine.apply_updates(base.solution.estimate, refined)
     poses, true = graph.poses_of(updated, base.world.n_poses), base.world.poses
     covariances = graph.position_covariances(base.solution, conventions.nees_frame)
@@ -103,6 +107,17 @@ def run_level(config: Config, p: float) -> Refinement:
         pose_rmse=metrics.rmse(poses[:, :2], true[:, :2]),
         nees=metrics.nees(poses[:, :2] - true[:, :2], covariances),
         odometry_rmse=metrics.rmse(dead[:, :2], true[:, :2]),
+    )
+
+
+def _refine(config: Config, base: Baseline, which: Iterable[int]) -> list[refine.RefinedWindow]:
+    return refine.refine_windows(
+        base.solution,
+        which,
+        base.covariances,
+        config.part(nested.SamplerSettings),
+        config.part(refine.Gate),
+        rng=np.random.default_rng([config.seed, 1]),
     )
 
 
@@ -136,16 +151,11 @@ def noop_expected(config: Config, level: Refinement) -> np.ndarray:
     ])
 
 
-def example_window(level: Refinement) -> refine.RefinedWindow:
-    """The refined window of highest score, to look at from close by.
-
-    Raises
-    ------
-    ValueError : no window triggered
-    """
-    if not level.windows:
-        raise ValueError("no window triggers at p_diagnosed: lower tau, or choose another level")
-    return max(level.windows, key=lambda window: level.baseline.scores[window.t])
+def example_window(config: Config, level: Refinement) -> refine.RefinedWindow:
+    """The window of highest score, refined whether it triggered or not: one to look at."""
+    scores = level.baseline.scores
+    best = windows.FIRST_ELIGIBLE + int(np.argmax(scores[windows.FIRST_ELIGIBLE :]))
+    return _refine(config, level.baseline, [best])[0]
 
 
 def likelihood_of(config: Config, level: Refinement, t: int) -> nested.LocalLikelihood:
@@ -175,27 +185,19 @@ def window_positions(
     )
 
 
-def mean_cost(level: Refinement) -> float:
+def mean_cost(window: refine.RefinedWindow) -> float:
     """Expected loss of log posterior by taking a sampled mean for the maximum, d / 2n, [nats].
 
-    n is the mean effective sample size of the level's windows; exact for a Gaussian.
+    n is the effective sample size; exact for a Gaussian and independent samples.
     """
-    runs = [window.run for window in level.windows]
-    effective = np.mean([run.ess_share * len(run.samples) for run in runs])
-    return float(runs[0].samples.shape[1] / (2 * effective))
+    n_samples, dimension = window.run.samples.shape
+    return dimension / (2 * window.run.ess_share * n_samples)
 
 
-def spread_ratio(level: Refinement) -> float:
-    """Sampled over marginal standard deviation, geometric mean over coordinates and windows."""
-    return float(
-        np.exp(
-            np.mean([
-                0.5 * np.log(np.diag(window.run.covariance))
-                - 0.5 * np.log(np.diag(level.baseline.covariances[window.t]))
-                for window in level.windows
-            ])
-        )
-    )
+def spread_ratio(level: Refinement, window: refine.RefinedWindow) -> float:
+    """Sampled over marginal standard deviation of a window, geometric mean over coordinates."""
+    sampled, marginal = window.run.covariance, level.baseline.covariances[window.t]
+    return float(np.exp(0.5 * np.mean(np.log(np.diag(sampled) / np.diag(marginal)))))
 
 
 def rmse_series(levels: dict[float, Refinement]) -> dict[str, list[float]]:
@@ -254,15 +256,8 @@ def preset_table(presets: dict[str, Refinement]) -> pd.DataFrame:
     """The same under each preset, after what the paper prints for its own conventions."""
     low, high = report.printed_values()["diagnostics_p0.2"]["delta_logp_range"]
     refined = report.printed_values()["sngr"][0.2]["triggered"]
-    printed = [
-        "printed",
-        str(refined),
-        report.NONE,
-        report.text(low),
-        report.NONE,
-        report.text(high),
-    ]
-    rows = [[*printed, report.NONE, report.NONE]]
+    gains = [report.text(low), report.NONE, report.text(high)]
+    rows = [["printed", str(refined), report.NONE, *gains, report.NONE, report.NONE]]
     for preset, level in presets.items():
         rows.append([preset, *_gain_cells(level), report.text(level.baseline.pose_rmse)])
     return pd.DataFrame(rows, columns=["preset", *GAIN_COLUMNS, "iSAM2 RMSE [m]"])
@@ -287,22 +282,20 @@ def record(
     to: report.Report,
 ) -> None:
     """Hand the pipeline's values to the paper."""
+    to.value("sngr.seed", config.seed, ".0f")
+    to.value("sngr.tau", config.tau)
+    to.value("sngr.p_diagnosed", config.p_diagnosed, "g")
     for preset, level in presets.items():
         to.value(f"sngr.refined.{preset}", len(level.windows), ".0f")
-        change = 1e3 * (level.pose_rmse - level.baseline.pose_rmse)
-        to.value(f"sngr.rmse_change.{preset}", change, "+.0f", "mm")
-        if len(level.windows):
-            to.value(f"sngr.gain_median.{preset}", np.median(level.gains), unit="nats")
-            to.value(f"sngr.gain_max.{preset}", level.gains.max(), unit="nats")
-    for p, level in levels.items():
-        to.value(f"sngr.rmse.p{p:g}", level.pose_rmse, unit="m")
-        to.value(f"sngr.isam2_rmse.p{p:g}", level.baseline.pose_rmse, unit="m")
-        to.value(f"sngr.odometry_rmse.p{p:g}", level.odometry_rmse, unit="m")
-        to.value(f"sngr.triggered.p{p:g}", len(level.windows), ".0f")
-        to.value(f"sngr.accepted.p{p:g}", level.accepted, ".0f")
+        to.value(f"sngr.gain_median.{preset}", level.median_gain, unit="nats")
+        to.value(f"sngr.gain_max.{preset}", level.largest_gain, unit="nats")
+    most = max(levels)
+    to.value("sngr.p_most", most, "g")
+    to.value("sngr.rmse", levels[most].pose_rmse, unit="m")
+    to.value("sngr.isam2_rmse", levels[most].baseline.pose_rmse, unit="m")
+    to.value("sngr.odometry_rmse", levels[most].odometry_rmse, unit="m")
     ess = np.concatenate([level.ess_shares for level in levels.values()])
-    if len(ess):
-        to.value("sngr.ess_median", np.median(ess), n=len(ess))
+    to.value("sngr.ess_median", np.median(ess) if len(ess) else np.nan, n=len(ess))
     weights = noop_mean_log_weights(config, levels[config.p_noop])
-    if len(weights):
-        to.value("noop.mean_log_weight", weights.mean(), ".0f", unit="nats", n=len(weights))
+    mean = weights.mean() if len(weights) else np.nan
+    to.value("noop.mean_log_weight", mean, ".0f", unit="nats", n=len(weights))

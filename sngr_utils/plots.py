@@ -34,10 +34,8 @@ def draw_circles(ax: Axes, anchors: np.ndarray, radius: float, points: dict) -> 
 
 def draw_profile(ax: Axes, y: np.ndarray, curves: dict[str, np.ndarray]) -> None:
     """Curves (name -> (N,)) of log-likelihood along a line of y, [nats] against [m]."""
-    colours = (style.ESTIMATE, style.PRIOR, style.SAMPLES)
-    for (name, values), colour, dash in zip(
-        curves.items(), colours, ("-", "--", ":"), strict=False
-    ):
+    looks = [(style.ESTIMATE, "-"), (style.PRIOR, "--"), (style.SAMPLES, ":")]
+    for (name, values), (colour, dash) in zip(curves.items(), looks, strict=False):
         ax.plot(y, values, dash, color=colour, label=name)
     ax.set(xlabel="y [m]", ylabel="log-likelihood [nats]")
     ax.legend()
@@ -61,7 +59,7 @@ def draw_samples(
 def legend_above(ax: Axes, ncols: int = 3) -> None:
     """A legend in one line above the panel, where it hides nothing."""
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=ncols, fontsize=6,
-              columnspacing=0.8, handletextpad=0.1, borderpad=0.1)  # fmt: skip
+              columnspacing=0.8, handlelength=1.5, handletextpad=0.2, borderpad=0.1)  # fmt: skip
 
 
 def draw_histogram(ax: Axes, y: np.ndarray, weights: np.ndarray, marks: Sequence[float]) -> None:
@@ -107,14 +105,14 @@ def run_plot(run: NestedRun) -> Figure:
 def draw_world(ax: Axes, base: Baseline, tau: float | None = None) -> None:
     """True and estimated trajectory and landmarks; poses of triggered windows marked."""
     true, estimate = base.world.poses, base.solution.poses
-    ax.plot(*true[:, :2].T, "-", color=style.TRUTH, lw=0.7, label="true path")
+    ax.plot(*true[:, :2].T, "-", color=style.TRUTH, lw=0.7, label="truth")
     ax.plot(*estimate[:, :2].T, "o-", color=style.ESTIMATE, lw=0.7, ms=2, label="iSAM2")
     if tau is not None:
         fired = np.flatnonzero(base.fired(tau))
         marked = sorted({int(t) + i for t in fired for i in range(windows.WIDTH)})
-        ax.plot(*estimate[marked, :2].T, "o", color=style.TRIGGERED, ms=3, label="triggered")
+        ax.plot(*estimate[marked, :2].T, "o", color=style.TRIGGERED, ms=3, label="fires")
     ax.plot(*base.world.landmarks.T, "*", color=style.TRUTH, ms=5, label="landmark")
-    ax.plot(*base.solution.landmarks.T, "P", color=style.LANDMARK, ms=4, label="its estimate")
+    ax.plot(*base.solution.landmarks.T, "P", color=style.LANDMARK, ms=4, label="estimate")
     ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     legend_above(ax)
 

@@ -25,7 +25,7 @@ NONE = "–"  # what a table shows where there is nothing to show
 
 LATEX_CELL = str.maketrans({
     "±": r"$\pm$", "×": r"$\times$", "–": "--", "−": "$-$", "σ": r"$\sigma$", "τ": r"$\tau$",
-    "Δ": r"$\Delta$", "µ": r"$\mu$", "√": r"$\surd$", "%": r"\%", "&": r"\&", "_": r"\_", "#": r"\#",
+    "Δ": r"$\Delta$", "µ": r"$\mu$", "%": r"\%", "&": r"\&", "_": r"\_", "#": r"\#",
 })  # fmt: skip
 
 
@@ -107,9 +107,9 @@ class Report:
         n : sample size behind it
         timing : whether it is a wall-clock figure
         """
-        entry = {"value": float(value), "format": fmt, "unit": unit, "n": int(n)}
+        entry = {"value": _or_null(value), "format": fmt, "unit": unit, "n": int(n)}
         if error is not None:
-            entry["standard_error"] = float(error)
+            entry["standard_error"] = _or_null(error)
         (self._timings if timing else self._results)["values"][key] = entry
 
     def table(self, name: str, frame: pd.DataFrame, timing: bool = False) -> HTML:
@@ -135,11 +135,17 @@ class Report:
             write_json(self.output_dir / f"{self.notebook}.timings.json", self._timings)
 
 
+def _or_null(value: float) -> float | None:
+    return None if math.isnan(value) else float(value)
+
+
 def write_json(path: Path, content: dict) -> None:
+    """Write JSON that diffs well, with all digits."""
     path.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def read_json(path: Path) -> dict:
+    """What `write_json` wrote."""
     return json.loads(path.read_text(encoding="utf-8"))
 
 
@@ -170,7 +176,9 @@ def latex(results: Sequence[dict]) -> dict[str, str]:
 def latex_value(entry: dict) -> str:
     """ "12.3 ± 0.4 m" as LaTeX."""
     shown = text(entry["value"], entry["format"])
-    if "standard_error" in entry:
+    if entry["value"] is None:
+        return shown.translate(LATEX_CELL)
+    if entry.get("standard_error") is not None:
         shown += f" ± {text(entry['standard_error'], entry['format'])}"
     if entry["unit"]:
         shown += "~" + entry["unit"]

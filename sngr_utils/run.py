@@ -32,6 +32,7 @@ from ruamel.yaml.error import YAMLError
 from sngr_utils import paths, report
 
 OUTPUT_DIR = "output_dir"  # the one parameter that is the runner's, not the YAML's
+QUIET_KERNEL = ["--log-level=50"]  # no remarks about its transport or its end
 
 
 class ProjectError(Exception):
@@ -46,15 +47,14 @@ def notebook_names() -> list[str]:
     notebooks = {path.stem for path in paths.NOTEBOOKS.glob("*.ipynb")}
     params = {path.stem for path in paths.PARAMS.glob("*.yaml")}
     for name in sorted(params - notebooks):
-        raise ProjectError(f"params/{name}.yaml has no notebook: notebooks/{name}.ipynb is missing")
+        raise ProjectError(f"notebooks/{name}.ipynb is missing, but params/{name}.yaml is there")
     for name in sorted(notebooks - params):
-        raise ProjectError(
-            f"notebooks/{name}.ipynb has no parameters: params/{name}.yaml is missing"
-        )
+        raise ProjectError(f"params/{name}.yaml is missing, but notebooks/{name}.ipynb is there")
     return sorted(notebooks)
 
 
 def read_notebook(name: str) -> nbformat.NotebookNode:
+    """The committed notebook, or a ProjectError that says what is wrong with it."""
     path = paths.NOTEBOOKS / f"{name}.ipynb"
     if not path.exists():
         raise ProjectError(f"notebooks/{name}.ipynb is missing")
@@ -227,6 +227,14 @@ def run_notebook(name: str) -> None:
     print(f"{name}: done in {time.perf_counter() - started:.0f} s", flush=True)
 
 
+def run_quick(name: str) -> None:
+    """Execute a notebook with its small parameters from ``params/quick``, into ``build/quick``."""
+    params = read_params(name, paths.PARAMS / "quick")
+    print(f"{name}: running with params/quick", flush=True)
+    execute(name, params, paths.BUILD / "quick" / name)
+    print(f"{name}: done, see build/quick/{name}", flush=True)
+
+
 def execute(name: str, params: dict[str, Any], staging: Path) -> None:
     """papermill the notebook into an emptied folder, as ``<staging>/<name>.ipynb``."""
     shutil.rmtree(staging, ignore_errors=True)
@@ -244,6 +252,7 @@ def execute(name: str, params: dict[str, Any], staging: Path) -> None:
             cwd=paths.NOTEBOOKS,
             progress_bar=bar,
             autosave_cell_every=0,
+            extra_arguments=QUIET_KERNEL,
         )
     except PapermillExecutionError as error:
         shown = os.path.relpath(output, paths.ROOT)
@@ -286,6 +295,7 @@ def refresh_notebook(name: str) -> None:
         kernel_name="python3",
         timeout=None,
         record_timing=False,
+        extra_arguments=QUIET_KERNEL,
         resources={"metadata": {"path": str(paths.NOTEBOOKS)}},
     )
     try:
@@ -354,6 +364,7 @@ def main(arguments: list[str] | None = None) -> int:
     commands.add_parser("latex", help="write paper/generated from fresh results")
     for command, help_text in (
         ("notebook", "run notebooks with their YAML unless their results are fresh"),
+        ("quick", "run notebooks with params/quick, into build/quick"),
         ("refresh", "execute committed notebooks in place"),
     ):
         commands.add_parser(command, help=help_text).add_argument("names", nargs="+")
@@ -365,9 +376,9 @@ def main(arguments: list[str] | None = None) -> int:
         elif args.command == "latex":
             write_latex()
         else:
-            work = run_notebook if args.command == "notebook" else refresh_notebook
+            work = {"notebook": run_notebook, "quick": run_quick, "refresh": refresh_notebook}
             for name in args.names:
-                work(name)
+                work[args.command](name)
     except ProjectError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

@@ -175,26 +175,35 @@ def per_seed_table(sweep: Sweep) -> pd.DataFrame:
 
 
 def record(sweep: Sweep, to: report.Report) -> None:
-    """Hand the sweep's values to the paper."""
+    """Hand the sweep's values to the paper: its levels by their role, so that they may change."""
     config = sweep.config
     to.value("sweep.n_seeds", len(config.seeds), ".0f")
+    to.value("sweep.seed", config.seeds[0], ".0f")
     to.value("sweep.tau", config.tau)
-    for p in config.p_levels:
-        single = sweep.single(p)
+    for role, p in roles(config).items():
+        to.value(f"sweep.p_{role}", p, "g")
         rmses = [run.pose_rmse for run in sweep.level(p)]
-        error = report.standard_error(rmses) if len(rmses) > 1 else None
-        to.value(f"baseline.rmse.p{p:g}", np.mean(rmses), unit="m", error=error, n=len(rmses))
-        to.value(f"baseline.nees.p{p:g}", single.nees, ".1f")
+        error = report.standard_error(rmses)
+        to.value(f"sweep.rmse.{role}", np.mean(rmses), unit="m", error=error, n=len(rmses))
+        single = sweep.single(p)
         found = single.detection(config.tau)
-        to.value(f"baseline.triggered.p{p:g}", found.triggered, ".0f")
-        to.value(f"baseline.failed.p{p:g}", found.failed, ".0f")
-        to.value(f"baseline.base_rate.p{p:g}", found.base_rate)
-    for tau, fired in zip(config.tau_grid, triggers_by_tau(sweep, config.p_clean), strict=True):
-        to.value(f"clean.triggered.tau{tau:.2f}", fired, ".0f")
-    clean = sweep.single(config.p_clean)
-    to.value("clean.max_score", clean.scores[2:].max(), ".3f")
-    to.value("score.median_clean", np.median(pooled_scores(sweep, config.p_clean)))
-    to.value("score.median_noisy", np.median(pooled_scores(sweep, config.p_noisy)))
+        to.value(f"sweep.nees.{role}", single.nees, ".1f")
+        to.value(f"sweep.triggered.{role}", found.triggered, ".0f")
+        to.value(f"sweep.failed.{role}", found.failed, ".0f")
+        to.value(f"sweep.base_rate.{role}", found.base_rate)
+        scores = pooled_scores(sweep, p)
+        to.value(f"sweep.median_score.{role}", np.median(scores), n=len(scores))
+
+
+def roles(config: Config) -> dict[str, float]:
+    """The levels the paper's text speaks of: clean, noisy, the least and the most contaminated."""
+    positive = [p for p in config.p_levels if p > 0] or config.p_levels
+    return {
+        "clean": config.p_clean,
+        "noisy": config.p_noisy,
+        "least": min(positive),
+        "most": max(config.p_levels),
+    }
 
 
 def pooled_scores(sweep: Sweep, p: float) -> np.ndarray:
