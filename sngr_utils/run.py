@@ -295,6 +295,7 @@ def refresh_notebook(name: str) -> None:
         kernel_name="python3",
         timeout=None,
         record_timing=False,
+        coalesce_streams=True,
         extra_arguments=QUIET_KERNEL,
         resources={"metadata": {"path": str(paths.NOTEBOOKS)}},
     )
