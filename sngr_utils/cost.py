@@ -60,15 +60,16 @@ class Cost:
     @property
     def saving_calls(self) -> float:
         """Likelihood calls of the exhaustive run over those of the selective one."""
-        return _ratio(self.calls.sum(), self.calls[self.fired].sum())
+        return saving(self.calls.sum(), self.calls[self.fired].sum())
 
     @property
     def saving_seconds(self) -> float:
         """The same as a ratio of wall clocks, both from this one run."""
-        return _ratio(self.seconds.sum(), self.seconds[self.fired].sum())
+        return saving(self.seconds.sum(), self.seconds[self.fired].sum())
 
 
-def _ratio(exhaustive: float, selective: float) -> float:
+def saving(exhaustive: float, selective: float) -> float:
+    """How many times dearer the exhaustive run is; NaN if nothing was selected."""
     return float(exhaustive / selective) if selective else float("nan")
 
 

@@ -79,15 +79,15 @@ def declared_parameters(name: str) -> dict[str, tuple[str, Any]]:
     raise ProjectError(f"notebooks/{name}.ipynb has no cell tagged 'parameters'")
 
 
-def read_params(name: str, folder: Path = paths.PARAMS) -> dict[str, Any]:
-    """The checked parameters of ``<folder>/<name>.yaml``.
+def read_params(name: str, folder: Path | None = None) -> dict[str, Any]:
+    """The checked parameters of ``<folder>/<name>.yaml``, folder being ``params/`` if not given.
 
     Raises
     ------
     ProjectError : unreadable YAML; a key the notebook does not declare, or the other way round;
         a value of the wrong type or out of range. Names the file and the key.
     """
-    path = folder / f"{name}.yaml"
+    path = (folder or paths.PARAMS) / f"{name}.yaml"
     where = os.path.relpath(path, paths.ROOT)
     if not path.exists():
         raise ProjectError(f"{where} is missing")
@@ -249,6 +249,7 @@ def execute(name: str, params: dict[str, Any], staging: Path) -> None:
             output,
             parameters={**params, OUTPUT_DIR: where},
             kernel_name="python3",
+            language="python",
             cwd=paths.NOTEBOOKS,
             progress_bar=bar,
             autosave_cell_every=0,

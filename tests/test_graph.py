@@ -1,0 +1,135 @@
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import L, X
+
+from sngr_utils import baseline, graph, windows, world
+
+
+def dense_covariance(solution):
+    """Inverse of the dense information matrix at the estimate, and the slice of each key."""
+    ordering = gtsam.Ordering()
+    keys = list(solution.estimate.keys())
+    for key in keys:
+        ordering.push_back(key)
+    a, _ = solution.graph.linearize(solution.estimate).jacobian(ordering)
+    sizes = [3 if gtsam.Symbol(key).chr() == ord("x") else 2 for key in keys]
+    ends = np.cumsum(sizes)
+    slices = {k: slice(e - n, e) for k, e, n in zip(keys, ends, sizes, strict=True)}
+    return np.linalg.inv(a.T @ a), slices
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [[X(3), X(4), X(5)], [X(5), X(4), X(3)], [L(2), X(7)], [X(7), L(2), X(0), L(0)], [X(29)]],
+)
+def test_joint_covariance_is_the_dense_inverse_in_the_order_asked_for(noisy, keys):
+    covariance, slices = dense_covariance(noisy.solution)
+    expected = np.block([[covariance[slices[i], slices[j]] for j in keys] for i in keys])
+    got = graph.joint_covariance(graph.marginals(noisy.solution), keys)
+    assert np.allclose(got, expected, rtol=1e-8, atol=1e-12)
+
+
+def test_position_covariances_in_both_frames(clean):
+    body = graph.position_covariances(clean.solution, "body")
+    rotated = graph.position_covariances(clean.solution, "world")
+    assert np.allclose(np.trace(body, axis1=1, axis2=2), np.trace(rotated, axis1=1, axis2=2))
+    theta = clean.solution.poses[5, 2]
+    r = np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
+    assert np.allclose(rotated[5], r @ body[5] @ r.T)
+
+
+def test_factor_errors_are_half_squared_residuals():
+    """Equations "odometry" and "range", and the prior: error() holds the one half already."""
+    scenario, values = world.Scenario(), gtsam.Values()
+    values.insert(X(0), gtsam.Pose2(0.3, 0.4, 0.1))
+    values.insert(X(1), gtsam.Pose2(1.0, 0.0, 0.2))
+    values.insert(L(0), np.array([4.0, 4.0]))
+    prior = graph.pose_prior(np.zeros(3), [0.1, 0.2, 0.5])
+    local = gtsam.Pose2(0, 0, 0).localCoordinates(values.atPose2(X(0)))
+    assert prior.error(values) == pytest.approx(0.5 * np.sum((local / [0.1, 0.2, 0.5]) ** 2))
+    seen = graph.range_factor(1, 0, 6.0, 0.1)
+    assert seen.error(values) == pytest.approx(0.5 * ((5.0 - 6.0) / 0.1) ** 2)
+    true_motion = values.atPose2(X(0)).between(values.atPose2(X(1)))
+    motion = graph.pose_vector(true_motion) - [0.05, 0, 0]
+    moved = graph.odometry_factor(0, motion, scenario)
+    residual = gtsam.Pose2(*motion).localCoordinates(true_motion)
+    expected = 0.5 * np.sum((residual / [0.05, 0.05, 0.01]) ** 2)
+    assert moved.error(values) == pytest.approx(expected)
+    landmark = graph.landmark_prior(0, np.array([3.0, 4.0]), 0.5)
+    assert landmark.error(values) == pytest.approx(0.5 * (1 / 0.5) ** 2)
+
+
+def test_landmark_start_recovers_noise_free_position():
+    positions = np.array([[5.0, 0.0], [4.0, 3.0], [0.0, 5.0], [-4.0, 3.0]])
+    landmark = np.array([1.0, -2.0])
+    ranges = np.linalg.norm(positions - landmark, axis=1)
+    assert np.allclose(graph.start_landmark(positions, ranges), landmark, atol=1e-8)
+
+
+def test_landmark_start_knows_nothing_of_the_truth():
+    """The same data with other true positions and labels of truth give the same estimate."""
+    drawn = world.simulate(world.Scenario(), 0.3, rng=np.random.default_rng(2))
+    blind = world.World(
+        poses=np.vstack([drawn.poses[:1], np.full((29, 3), np.nan)]),
+        landmarks=np.full((6, 2), np.nan),
+        odometry=drawn.odometry,
+        pose_of=drawn.pose_of,
+        label_of=drawn.label_of,
+        source_of=np.full(len(drawn.ranges), -1),
+        ranges=drawn.ranges,
+        scenario=drawn.scenario,
+    )
+    runs = [graph.run_isam2(w, graph.PRESETS["B"]) for w in (drawn, blind)]
+    assert np.array_equal(runs[0].poses, runs[1].poses)
+
+
+def test_every_measurement_becomes_a_factor(clean):
+    factors = clean.solution.graph
+    assert factors.size() == 1 + 29 + 180 + 6
+    assert np.isfinite(clean.solution.landmarks).all()
+
+
+def test_landmark_seen_from_two_poses_only_is_left_out():
+    drawn = world.simulate(world.Scenario(), 0.0, rng=np.random.default_rng(0))
+    kept = (drawn.label_of != 5) | (drawn.pose_of < 2)
+    fewer = world.World(
+        drawn.poses, drawn.landmarks, drawn.odometry, drawn.pose_of[kept], drawn.label_of[kept],
+        drawn.source_of[kept], drawn.ranges[kept], drawn.scenario,
+    )  # fmt: skip
+    solution = graph.run_isam2(fewer, graph.PRESETS["B"])
+    assert np.isnan(solution.landmarks[5]).all()
+    assert np.isfinite(solution.landmarks[:5]).all()
+
+
+def test_isam2_agrees_with_batch_optimisation_on_clean_data(clean):
+    batch = gtsam.LevenbergMarquardtOptimizer(clean.solution.graph, clean.solution.estimate)
+    optimum = graph.poses_of(batch.optimize(), 30)
+    assert np.abs(optimum - clean.solution.poses).max() < 0.02
+
+
+def test_preset_b_reproduces_the_printed_clean_counts(clean):
+    """Windows above 3.90 / 3.92 / 3.96 / 4.0 on clean data, t >= 2: 4 / 0 / 0 / 0."""
+    counts = [int(clean.fired(tau).sum()) for tau in (3.90, 3.92, 3.96, 4.0)]
+    assert counts == [4, 0, 0, 0]
+    near = np.abs(clean.scores[:, None] - [3.90, 3.92, 3.96, 4.0]).min()
+    assert near > 1e-6  # no count hangs on rounding
+
+
+@pytest.mark.parametrize("n_poses", [3, 4, 40])
+def test_other_lengths_run(n_poses):
+    scenario = world.Scenario(n_poses=n_poses)
+    run = baseline.run_baseline(scenario, graph.PRESETS["C"], 0.2, 4)
+    assert len(run.scores) == windows.n_windows(n_poses) == n_poses - 2
+    assert np.isfinite(run.nees)
+
+
+def test_conventions():
+    assert graph.conventions("A", {"relinearize_skip": 3}).relinearize_skip == 3
+    assert graph.conventions("B") == graph.Conventions()
+    with pytest.raises(ValueError, match="preset is 'D'"):
+        graph.conventions("D")
+    with pytest.raises(ValueError, match="relinearize_skop"):
+        graph.conventions("A", {"relinearize_skop": 3})
+    with pytest.raises(ValueError, match="landmark_prior_sigma"):
+        graph.conventions("A", {"landmark_prior_sigma": -1.0})

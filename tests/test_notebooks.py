@@ -1,0 +1,120 @@
+"""The committed notebooks as a reader finds them (nbval re-runs them besides)."""
+
+import base64
+import io
+import re
+
+import nbformat
+import numpy as np
+import pytest
+from conftest import IMAGE_TOLERANCE, image_difference
+from PIL import Image
+
+from sngr_utils import paths, run
+
+NAMES = sorted(path.stem for path in paths.NOTEBOOKS.glob("*.ipynb"))
+
+
+@pytest.fixture(params=NAMES)
+def name(request):
+    return request.param
+
+
+def code_cells(name):
+    return [c for c in run.read_notebook(name).cells if c.cell_type == "code"]
+
+
+def test_all_four_are_there():
+    assert {"01_bimodal", "02_trigger_sweep", "03_full_sngr", "04_cost"} <= set(NAMES)
+    assert run.notebook_names() == NAMES
+
+
+def test_every_code_cell_has_run_in_order_without_error_or_stderr(name):
+    """nbval compares nothing where the execution count is missing, so this must fail there."""
+    counts = [cell.execution_count for cell in code_cells(name)]
+    assert counts == list(range(1, len(counts) + 1))
+    for cell in code_cells(name):
+        for output in cell.outputs:
+            assert output.output_type != "error"
+            assert output.get("name") != "stderr"
+
+
+def test_outputs_are_stored(name):
+    outputs = [o for cell in code_cells(name) for o in cell.outputs]
+    assert sum("image/png" in o.get("data", {}) for o in outputs) >= 1
+    assert sum("text/html" in o.get("data", {}) for o in outputs) >= 2
+
+
+def test_parameters_are_those_of_the_yaml_and_of_the_driver(name):
+    declared = run.declared_parameters(name)
+    defaults = {key: value for key, (_, value) in declared.items()}
+    assert defaults.pop(run.OUTPUT_DIR).startswith("../build/")
+    assert defaults == run.read_params(name)
+    fields = run.driver_of(name).Config.model_fields
+    assert set(defaults) == set(fields)
+    assert {key: field.default for key, field in fields.items()} == defaults
+    for key, (annotation, _) in declared.items():
+        if key != run.OUTPUT_DIR:
+            wanted = str(fields[key].annotation)
+            assert annotation.split("[")[0] in wanted
+
+
+def test_quick_parameters_are_valid_and_differ(name):
+    assert run.read_params(name, paths.PARAMS / "quick") != run.read_params(name)
+
+
+def test_cells_are_short(name):
+    for cell in code_cells(name):
+        if "parameters" not in cell.metadata.get("tags", []):
+            assert len(cell.source.splitlines()) <= 15, cell.source
+
+
+def test_cells_hold_no_plotting_and_no_sweep(name):
+    """Plots are ``plots.draw_*``; a loop over seeds lives in the library."""
+    for cell in code_cells(name):
+        assert not re.search(r"\bax\.(?!set_title)\w+\(|\bplt\.|for \w+ in .*seeds", cell.source)
+
+
+def test_exercises_have_folded_solutions(name):
+    solutions = [c for c in code_cells(name) if "solution" in c.metadata.get("tags", [])]
+    assert 2 <= len(solutions) <= 3
+    for cell in solutions:
+        assert cell.metadata.jupyter == {"source_hidden": True, "outputs_hidden": True}
+    text = "\n".join(c.source for c in run.read_notebook(name).cells if c.cell_type == "markdown")
+    assert text.count("<details>") == text.count("</details>") == len(solutions)
+
+
+def test_stored_outputs_name_no_machine(name):
+    text = (paths.NOTEBOOKS / f"{name}.ipynb").read_text(encoding="utf-8")
+    assert not re.search(r"/(home|root|work|tmp|Users)/\w", text)
+    assert not re.search(r"https?://(?!www\.w3\.org)", text)
+
+
+def png(array):
+    buffer = io.BytesIO()
+    Image.fromarray(array).save(buffer, format="PNG")
+    return base64.b64encode(buffer.getvalue()).decode()
+
+
+def test_the_comparison_of_images_can_fail():
+    """One moved marker of 5 x 5 pixels in a panel of 300 x 200 is caught, a rounded pixel not."""
+    white = np.full((200, 300, 3), 255, dtype=np.uint8)
+    moved, rounded, other_size = white.copy(), white.copy(), white[:-1]
+    moved[50:55, 50:55] = 0
+    rounded[50, 50] = 254
+    assert image_difference(png(white), png(rounded)) <= IMAGE_TOLERANCE
+    assert image_difference(png(white), png(moved)) > IMAGE_TOLERANCE
+    assert image_difference(png(white), png(other_size)) > IMAGE_TOLERANCE
+
+
+def test_a_stripped_notebook_would_be_noticed(tmp_path, monkeypatch):
+    stripped = run.read_notebook("01_bimodal")
+    for cell in stripped.cells:
+        if cell.cell_type == "code":
+            cell.execution_count, cell.outputs = None, []
+    nbformat.write(stripped, tmp_path / "01_bimodal.ipynb")
+    monkeypatch.setattr(paths, "NOTEBOOKS", tmp_path)
+    with pytest.raises(AssertionError):
+        test_every_code_cell_has_run_in_order_without_error_or_stderr("01_bimodal")
+    with pytest.raises(AssertionError):
+        test_outputs_are_stored("01_bimodal")

@@ -1,0 +1,96 @@
+"""Rules of the house that a grep can check."""
+
+import re
+import subprocess
+import tomllib
+
+import pytest
+
+from sngr_utils import paths
+
+TRACKED = subprocess.run(
+    ["git", "ls-files", "-z"], cwd=paths.ROOT, capture_output=True, text=True, check=True
+).stdout.split("\0")[:-1]
+MODULES = sorted(paths.PACKAGE.glob("*.py"))
+
+# The order in which the package's docstring lists the modules; each imports only from above.
+ORDER = [
+    "paths", "style", "world", "metrics", "graph", "windows", "nested", "refine", "baseline",
+    "plots", "report", "bimodal", "trigger_sweep", "full_sngr", "cost", "run",
+]  # fmt: skip
+DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost"}
+
+
+def test_no_global_random_state():
+    for path in [*MODULES, *paths.NOTEBOOKS.glob("*.ipynb")]:
+        used = set(re.findall(r"np\.random\.(\w+)", path.read_text(encoding="utf-8")))
+        assert used <= {"default_rng", "Generator"}, path
+
+
+def test_imports_follow_the_documented_order():
+    assert sorted(ORDER) == sorted(path.stem for path in MODULES if path.stem != "__init__")
+    listed = re.findall(r"^`(\w+)`", (paths.PACKAGE / "__init__.py").read_text(), flags=re.M)
+    assert [name for name in ORDER if name in listed] == listed
+    for path in MODULES:
+        if path.stem == "__init__":
+            continue
+        text = path.read_text(encoding="utf-8")
+        imported = set(re.findall(r"^from sngr_utils\.(\w+) import", text, flags=re.M))
+        for names in re.findall(r"^from sngr_utils import (.+)$", text, flags=re.M):
+            imported |= {name.strip() for name in names.split(",")}
+        above = ORDER[: ORDER.index(path.stem)]
+        assert imported <= set(above), path
+        if path.stem in DRIVERS:
+            assert not imported & DRIVERS, f"{path}: drivers do not import each other"
+
+
+def test_plots_know_nothing_of_gtsam_and_never_show():
+    text = (paths.PACKAGE / "plots.py").read_text(encoding="utf-8")
+    assert "gtsam" not in text.lower()
+    assert ".show(" not in text
+
+
+def test_lock_pins_everything_with_hashes_and_no_address():
+    text = paths.LOCK.read_text(encoding="utf-8")
+    assert "://" not in text
+    blocks = re.split(r"\n(?=\S)", text.strip())
+    assert len(blocks) > 100
+    for block in blocks:
+        assert re.match(r"[\w.-]+(\[[\w,-]+\])?==\S+", block), block
+        assert "--hash=sha256:" in block, block
+    pinned = {re.split(r"==|\[", block)[0].lower().replace("_", "-") for block in blocks}
+    project = tomllib.loads((paths.ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    required = project["project"]["dependencies"] + project["dependency-groups"]["dev"]
+    names = {re.split(r"[<>=;\[ ]", entry)[0].lower() for entry in required}
+    normal = {re.sub(r"[._]", "-", name) for name in names}
+    assert normal <= {re.sub(r"[._]", "-", name) for name in pinned}
+
+
+@pytest.mark.parametrize("name", [n for n in TRACKED if not n.endswith((".pdf", ".png"))])
+def test_no_tracked_file_names_a_machine_or_a_registry(name):
+    if name in {"tests/test_project.py", "tests/test_notebooks.py"}:
+        return  # they spell out what they look for
+    text = (paths.ROOT / name).read_text(encoding="utf-8")
+    assert not re.search(r"(?<![\w.])/(home|root|work|Users)/\w", text)
+    assert not re.search(r"pypi\.org|pythonhosted|\d+\.\d+\.\d+\.\d+:\d+", text)
+
+
+def test_every_value_of_the_paper_is_named_once():
+    """No digit with a decimal point is typed in the paper's results: they come by \\res."""
+    text = (paths.PAPER / "sngr.tex").read_text(encoding="utf-8")
+    used = set(re.findall(r"\\res\{([\w.]+)\}", text))
+    assert len(used) > 25
+    for kind, count in (("tab", 6), ("fig", 10)):
+        assert len(re.findall(rf"\\{kind}\{{\w+\}}", text)) >= count
+    captions = re.findall(r"\\caption\{(?:[^{}]|\{[^{}]*\})*\}", text)
+    figures = [caption for caption in captions if "SNGR, as we run it" not in caption]
+    assert all(r"\source{" in caption for caption in figures)
+
+
+def test_readme_commands_are_make_targets():
+    readme = (paths.ROOT / "README.md").read_text(encoding="utf-8")
+    makefile = (paths.ROOT / "Makefile").read_text(encoding="utf-8")
+    targets = set(re.findall(r"(?:`|^)make ([a-z]+)\b", readme, flags=re.M))
+    assert {"paper", "test", "results", "quick"} <= targets
+    for target in targets:
+        assert re.search(rf"^{target}:|^\.PHONY:.*\b{target}\b", makefile, flags=re.M), target

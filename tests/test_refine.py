@@ -1,0 +1,81 @@
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import X
+
+from sngr_utils import nested, refine
+
+FAST = nested.SamplerSettings(n_live=30, dlogz=2.0)
+
+
+def window(t, pose, accepted=True):
+    return refine.RefinedWindow(t, 0.0, accepted, [pose] * 3, run=None)
+
+
+def test_gate():
+    """Equation "gate": down to the tolerance, inclusive."""
+    assert refine.passes_gate(0.0, 1e-3)
+    assert refine.passes_gate(-1e-3, 1e-3)
+    assert not refine.passes_gate(-1.1e-3, 1e-3)
+    assert not refine.passes_gate(float("nan"), 1e-3)
+
+
+def test_updates_are_applied_together_and_later_windows_win(clean):
+    estimate = clean.solution.estimate
+    a, b, c = (gtsam.Pose2(k, k, 0.0) for k in (1, 2, 3))
+    updated = refine.apply_updates(
+        estimate, [window(6, b), window(5, a), window(20, c, accepted=False)]
+    )
+    for t, pose in ((5, a), (6, b), (7, b), (8, b)):
+        assert updated.atPose2(X(t)).equals(pose, 0)
+    for t in (4, 9, 20, 21, 22):
+        assert updated.atPose2(X(t)).equals(estimate.atPose2(X(t)), 0)
+
+
+def test_a_window_does_not_depend_on_the_others_or_on_their_order(noisy):
+    def refined(which):
+        windows = refine.refine_windows(
+            noisy.solution, which, noisy.covariances, FAST, refine.Gate(),
+            rng=np.random.default_rng(0),
+        )  # fmt: skip
+        return {w.t: w.run.mean for w in windows}
+
+    alone, both, reversed_order = refined([12]), refined([12, 14]), refined([14, 12])
+    assert np.array_equal(alone[12], both[12])
+    assert np.array_equal(both[14], reversed_order[14])
+    assert np.array_equal(both[12], reversed_order[12])
+
+
+def test_refined_window_is_what_it_says(noisy):
+    result = refine.refine_window(
+        noisy.solution, 12, noisy.covariances[12], FAST, refine.Gate(),
+        rng=np.random.default_rng(0),
+    )  # fmt: skip
+    likelihood = refine.window_likelihood(noisy.solution, 12, FAST.likelihood_factor)
+    gain = likelihood(result.run.mean) - likelihood(np.zeros(9))
+    assert result.delta_logp == pytest.approx(gain)
+    assert result.accepted == refine.passes_gate(gain, 1e-3)
+    for pose, same in zip(result.poses, likelihood.variables(result.run.mean), strict=True):
+        assert pose.equals(same, 0)
+
+
+def test_noop_weights_have_their_closed_form_mean(noisy):
+    """Mean of 20 000 log weights at 5 standard errors. Failure probability 6e-7."""
+    covariance = noisy.covariances[12]
+    settings = refine.TriggerOnly(noop_samples=20_000)
+    weights = refine.noop_log_weights(covariance, settings, rng=np.random.default_rng(0))
+    expected = refine.noop_expected_log_weight(covariance, 0.5)
+    assert abs(weights.mean() - expected) < 5 * weights.std() / np.sqrt(len(weights))
+    assert refine.noop_expected_log_weight(0.25 * np.eye(9), 0.5) == pytest.approx(0)
+
+
+def test_noop_weights_of_the_proposal_itself_are_zero():
+    weights = refine.noop_log_weights(
+        0.25 * np.eye(9), refine.TriggerOnly(), rng=np.random.default_rng(0)
+    )
+    assert np.allclose(weights, 0)
+
+
+def test_bad_gate_names_the_parameter():
+    with pytest.raises(ValueError, match="gate_tolerance"):
+        refine.Gate(gate_tolerance=-1.0)

@@ -1,0 +1,80 @@
+import math
+
+import matplotlib.pyplot as plt
+import pandas as pd
+import pytest
+
+from sngr_utils import report
+
+
+@pytest.mark.parametrize(
+    ("value", "fmt", "shown"),
+    [(1.005, ".1f", "1.0"), (-12.5, ".2f", "−12.50"), (-0.001, ".2f", "0.00"), (None, ".2f", "–"),
+     (math.nan, ".2f", "–"), (4, "d", "4"), (2.4, "+.0f", "+2"), (-2.4, "+.0f", "−2"),
+     (0.3, "g", "0.3")],
+)  # fmt: skip
+def test_text(value, fmt, shown):
+    assert report.text(value, fmt) == shown
+
+
+def test_spread_of_few_values():
+    assert report.mean_std([1.0, 3.0]) == "2.00 ± 1.41"
+    assert report.standard_error([1.0, 3.0]) == pytest.approx(1.0)
+    assert math.isnan(report.standard_error([1.0]))
+
+
+@pytest.mark.parametrize(
+    ("entry", "tex"),
+    [
+        ({"value": -12.5, "format": ".2f", "unit": "nats"}, "$-$12.50~nats"),
+        ({"value": 1.2, "format": ".1f", "unit": "m", "standard_error": 0.26}, r"1.2 $\pm$ 0.3~m"),
+        ({"value": 1.2, "format": ".1f", "unit": "", "standard_error": None}, "1.2"),
+        ({"value": None, "format": ".1f", "unit": "m", "standard_error": None}, "--"),
+    ],
+)
+def test_latex_value(entry, tex):
+    assert report.latex_value(entry) == tex
+
+
+def test_from_a_report_to_latex(tmp_path):
+    to = report.Report("05_x", tmp_path / "out")
+    to.value("a.b", 1.25, ".1f", "m", error=0.5, n=4)
+    to.value("t", 3.0, timing=True)
+    heads = pd.MultiIndex.from_tuples([("", "p"), ("RMSE", "printed"), ("RMSE", "ours")])
+    shown = to.table("x", pd.DataFrame([["0.1", "1 ± 2", "–"]], columns=heads))
+    assert "1 ± 2" in shown.data
+    fig, _ = plt.subplots()
+    to.figure(fig, "f")
+    to.save()
+    result = report.read_json(tmp_path / "out/05_x.json")
+    assert result["figures"] == ["05_x_f.pdf"]
+    assert "t" not in result["values"]  # wall clocks live in a file of their own
+    timings = report.read_json(tmp_path / "out/05_x.timings.json")
+    files = report.latex([result, timings])
+    assert r"\csname res@a.b\endcsname{1.2 $\pm$ 0.5~m}" in files["values.tex"]
+    assert r"\csname res@t\endcsname{3.00}" in files["values.tex"]
+    table = files["tab_x.tex"]
+    assert r"\multicolumn{2}{c}{RMSE}" in table
+    assert r"0.1 & 1 $\pm$ 2 & --" in table
+    for key in ("values", "tables"):
+        clash = {"notebook": "06", "values": {}, "tables": {}}
+        clash[key] = result[key]
+        with pytest.raises(ValueError, match="already taken"):
+            report.latex([result, clash])
+
+
+def test_figures_are_the_same_bytes_each_time(tmp_path):
+    for name in "ab":
+        fig, ax = plt.subplots()
+        ax.plot([1, 2])
+        report.Report("n", tmp_path / name).figure(fig, "f")
+        plt.close(fig)
+    first, second = ((tmp_path / name / "n_f.pdf").read_bytes() for name in "ab")
+    assert first == second
+
+
+def test_printed_values_hold_the_slips_as_printed():
+    printed = report.printed_values()
+    seed3 = printed["per_seed_p0.3"][3]
+    assert (seed3["triggered"], seed3["tp"], seed3["fp"]) == (10, 10, 2)
+    assert printed["tau_sensitivity"][3.92]["noisy_p0.3"] == 21

@@ -1,0 +1,217 @@
+"""The headless runner on a small project of its own: bad input, failure, freshness."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import nbformat
+import pytest
+from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
+
+from sngr_utils import paths, report, run
+
+NAME = "01_bimodal"
+BODY = """
+from sngr_utils import report
+import matplotlib.pyplot as plt
+paper = report.Report("01_bimodal", output_dir)
+fig, ax = plt.subplots()
+ax.plot([seed, 1])
+paper.figure(fig, "f")
+paper.value("seed", seed)
+paper.save()
+"""
+
+
+@pytest.fixture
+def project(tmp_path, monkeypatch):
+    """A copy of what the runner needs, with a small notebook in place of the real 01."""
+    shutil.copytree(paths.PACKAGE, tmp_path / "sngr_utils")
+    (tmp_path / "params").mkdir()
+    shutil.copy(paths.PARAMS / f"{NAME}.yaml", tmp_path / "params")
+    (tmp_path / "paper").mkdir()
+    shutil.copy(paths.PRINTED_VALUES, tmp_path / "paper")
+    shutil.copy(paths.LOCK, tmp_path)
+    (tmp_path / "notebooks").mkdir()
+    real, root = run.read_notebook(NAME), paths.ROOT
+    for name in [name for name in vars(paths) if name.isupper()]:
+        monkeypatch.setattr(paths, name, tmp_path / getattr(paths, name).relative_to(root))
+    (declared,) = (c for c in real.cells if "parameters" in c.metadata.get("tags", []))
+    write_notebook(tmp_path, declared, BODY)
+    return tmp_path
+
+
+def write_notebook(project, declared, body, extra=""):
+    cells = [new_markdown_cell("# hello"), declared, new_code_cell(body + extra)]
+    nbformat.write(new_notebook(cells=cells), project / f"notebooks/{NAME}.ipynb")
+
+
+def declared_cell(project):
+    return nbformat.read(project / f"notebooks/{NAME}.ipynb", as_version=4).cells[1]
+
+
+def edit(project, old, new):
+    path = project / f"params/{NAME}.yaml"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("range_sigma: 0.2", "range_sigm: 0.2", "unknown key 'range_sigm'.*did you mean"),
+        ("range_sigma: 0.2", "", "key 'range_sigma' is missing"),
+        ("range_sigma: 0.2", "range_sigma: -0.2", "range_sigma is -0.2.*greater than 0"),
+        ("range_sigma: 0.2", 'range_sigma: "high"', "range_sigma is 'high'.*valid number"),
+        ("range_sigma: 0.2", "range_sigma: .nan", "range_sigma is nan.*finite"),
+        ("range_sigma: 0.2", "range_sigma: true", "range_sigma is True"),
+        ("seed: 0", "seed: 1.5", "seed is 1.5.*integer"),
+        ("seed: 0", "seed: 0\nseed: 1", "not valid YAML.*duplicate key"),
+        ("seed: 0", "seed: [0", "not valid YAML"),
+        ("measured_range: 3.0", "measured_range: 1.0", "measured_range is 1.0: it must exceed"),
+    ],
+)
+def test_bad_parameters_name_file_and_key(project, capsys, old, new, message):
+    edit(project, old, new)
+    with pytest.raises(run.ProjectError, match=f"(?s)params/{NAME}.yaml.*{message}"):
+        run.read_params(NAME)
+    assert run.main(["check"]) == 1
+    assert f"params/{NAME}.yaml" in capsys.readouterr().err
+
+
+def test_scientific_notation_is_a_number(project):
+    edit(project, "range_sigma: 0.2", "range_sigma: 2e-1")
+    assert run.read_params(NAME)["range_sigma"] == 0.2
+
+
+def test_missing_files_are_named(project):
+    notebook = project / f"notebooks/{NAME}.ipynb"
+    moved = notebook.rename(project / "elsewhere")
+    with pytest.raises(run.ProjectError, match=f"notebooks/{NAME}.ipynb is missing"):
+        run.notebook_names()
+    with pytest.raises(run.ProjectError, match=f"notebooks/{NAME}.ipynb is missing"):
+        run.read_notebook(NAME)
+    moved.rename(notebook)
+    (project / f"params/{NAME}.yaml").unlink()
+    with pytest.raises(run.ProjectError, match=f"params/{NAME}.yaml is missing"):
+        run.notebook_names()
+    with pytest.raises(run.ProjectError, match=f"params/{NAME}.yaml is missing"):
+        run.read_params(NAME)
+    notebook.write_text("{")
+    with pytest.raises(run.ProjectError, match="is not a notebook"):
+        run.read_notebook(NAME)
+
+
+def test_notebook_without_parameters_or_driver(project):
+    declared = declared_cell(project)
+    declared.metadata.tags = []
+    write_notebook(project, declared, BODY)
+    with pytest.raises(run.ProjectError, match="no cell tagged 'parameters'"):
+        run.declared_parameters(NAME)
+    with pytest.raises(run.ProjectError, match=r"sngr_utils/other\.py is missing"):
+        run.driver_of("09_other")
+
+
+def test_run_publish_and_freshness(project, capsys):
+    run.run_notebook(NAME)
+    result = report.read_json(paths.RESULTS / f"{NAME}.json")
+    figure = paths.FIGURES / f"{NAME}_f.pdf"
+    assert result["provenance"]["files"] == {f"figures/{NAME}_f.pdf": run._file_hash(figure)}
+    assert (paths.EXECUTED / f"{NAME}.ipynb").exists()
+    first = figure.read_bytes()
+
+    capsys.readouterr()
+    os.utime(project / f"params/{NAME}.yaml")  # a new date alone changes nothing
+    edit(project, "seed: 0", "seed: 0  # nor does a comment")
+    run.run_notebook(NAME)
+    assert "up to date" in capsys.readouterr().out
+
+    figure.write_bytes(b"damaged")
+    run.run_notebook(NAME)
+    assert figure.read_bytes() == first
+
+    edit(project, "seed: 0", "seed: 5")
+    assert not run.is_fresh(NAME, run.read_params(NAME))
+    with pytest.raises(run.ProjectError, match="stale"):
+        run.write_latex()
+    run.run_notebook(NAME)
+    run.write_latex()
+    assert "{5.00}" in (paths.PAPER / "generated/values.tex").read_text()
+
+
+def test_what_makes_results_stale(project):
+    params = run.read_params(NAME)
+    before = run.provenance(NAME, params)
+    unrelated = project / "sngr_utils/cost.py"
+    unrelated.write_text(unrelated.read_text() + "\n# changed\n")
+    assert run.provenance(NAME, params) == before
+    used = project / "sngr_utils/report.py"
+    used.write_text(used.read_text() + "\n# changed\n")
+    assert run.provenance(NAME, params) != before
+
+
+def test_failing_notebook_keeps_what_was_published(project, capsys):
+    run.run_notebook(NAME)
+    before = {p: p.read_bytes() for p in paths.FIGURES.iterdir()}
+    before |= {p: p.read_bytes() for p in paths.RESULTS.iterdir()}
+    write_notebook(project, declared_cell(project), BODY, "\nraise RuntimeError('on purpose')")
+    assert run.main(["notebook", NAME]) == 1
+    message = capsys.readouterr().err
+    assert "RuntimeError: on purpose" in message
+    assert f"build/staging/{NAME}/{NAME}.ipynb" in message
+    assert all(path.read_bytes() == content for path, content in before.items())
+    failed = nbformat.read(paths.STAGING / NAME / f"{NAME}.ipynb", as_version=4)
+    assert any(o.output_type == "error" for c in failed.cells for o in c.get("outputs", []))
+
+
+def test_notebook_that_saves_nothing_is_an_error(project):
+    write_notebook(project, declared_cell(project), "1 + 1")
+    with pytest.raises(run.ProjectError, match="saved no results"):
+        run.run_notebook(NAME)
+
+
+def test_figures_no_longer_drawn_are_removed(project):
+    run.run_notebook(NAME)
+    write_notebook(project, declared_cell(project), BODY.replace('"f"', '"g"'))
+    run.run_notebook(NAME)
+    assert sorted(p.name for p in paths.FIGURES.iterdir()) == [f"{NAME}_g.pdf"]
+
+
+def test_quick_and_refresh(project):
+    (project / "params/quick").mkdir()
+    shutil.copy(project / f"params/{NAME}.yaml", project / "params/quick")
+    run.run_quick(NAME)
+    assert (project / f"build/quick/{NAME}/{NAME}.json").exists()
+    assert not paths.FIGURES.exists()
+    run.refresh_notebook(NAME)
+    refreshed = nbformat.read(project / f"notebooks/{NAME}.ipynb", as_version=4)
+    assert refreshed.cells[2].execution_count == 2
+    assert refreshed.metadata.language_info == {"name": "python"}
+    broken = BODY + "\n1 / 0"
+    write_notebook(project, declared_cell(project), broken)
+    content = (project / f"notebooks/{NAME}.ipynb").read_bytes()
+    with pytest.raises(run.ProjectError, match="ZeroDivisionError"):
+        run.refresh_notebook(NAME)
+    assert (project / f"notebooks/{NAME}.ipynb").read_bytes() == content
+
+
+def test_interrupt_leaves_with_a_message():
+    """SIGINT to a running command: a sentence, status 130, no traceback."""
+    code = (
+        "import sys, time; from sngr_utils import run;"
+        "run.check = lambda: (print('started', flush=True), time.sleep(60));"
+        "sys.exit(run.main(['check']))"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline() == "started\n"
+    time.sleep(0.2)
+    process.send_signal(signal.SIGINT)
+    _, message = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert message == "interrupted: published results are untouched\n"

@@ -1,0 +1,46 @@
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import L, X
+
+from sngr_utils import windows
+
+
+def test_score_closed_form():
+    """Equation "score": log10 of the ratio of extreme eigenvalues, whatever the basis."""
+    rotation, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(9, 9)))
+    eigenvalues = np.logspace(-4, 1.5, 9)
+    assert windows.score(rotation * eigenvalues @ rotation.T) == pytest.approx(5.5)
+    assert windows.score(3 * np.eye(9)) == pytest.approx(0)
+
+
+def test_triggers_need_score_and_position():
+    scores = np.array([9.0, 9.0, 9.0, 3.9, 4.0])
+    assert windows.triggers(scores, 3.9).tolist() == [False, False, True, False, True]
+
+
+def test_failures_are_means_of_three():
+    errors = np.array([0.0, 0.0, 1.6, 0.0, 0.0, 1.4])
+    assert windows.failures(errors).tolist() == [True, True, True, False]
+    assert windows.failures(np.full(5, 0.49)).tolist() == [False] * 3
+
+
+def test_touching_factors_are_those_with_a_pose_of_the_window(clean):
+    keys = windows.window_keys(10)
+    assert keys == [X(10), X(11), X(12)]
+    # 18 ranges, two odometry factors inside and two at the ends
+    assert windows.touching_factors(clean.solution.graph, keys).size() == 22
+    assert windows.touching_factors(clean.solution.graph, windows.window_keys(0)).size() == 22
+    assert windows.touching_factors(clean.solution.graph, windows.window_keys(27)).size() == 21
+
+
+def test_closure_is_the_connected_component(clean):
+    everything = set(clean.solution.estimate.keys())
+    assert windows.closure(clean.solution.graph, windows.window_keys(5)) == everything
+    noise = gtsam.noiseModel.Isotropic.Sigma(1, 1.0)
+    graph = gtsam.NonlinearFactorGraph()
+    graph.push_back(gtsam.RangeFactor2D(X(0), L(0), 1.0, noise))
+    graph.push_back(gtsam.RangeFactor2D(X(1), L(0), 1.0, noise))
+    graph.push_back(gtsam.RangeFactor2D(X(2), L(1), 1.0, noise))
+    assert windows.closure(graph, [X(0)]) == {X(0), X(1), L(0)}
+    assert windows.closure(graph, [X(9)]) == {X(9)}

@@ -1,0 +1,101 @@
+import numpy as np
+import pytest
+from scipy import stats
+
+from sngr_utils import world
+
+
+def make(p=0.0, seed=0, **changes):
+    return world.simulate(world.Scenario(**changes), p, rng=np.random.default_rng(seed))
+
+
+def test_circle_is_a_circle_with_tangent_heading():
+    poses = world.circle_poses(30, 5.0)
+    assert np.allclose(np.hypot(*poses[:, :2].T), 5)
+    heading = np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
+    assert np.allclose(np.sum(heading * poses[:, :2], axis=1), 0)
+    turning = poses[:, 0] * heading[:, 1] - poses[:, 1] * heading[:, 0]
+    assert np.all(turning > 0)  # counter-clockwise
+    assert np.linalg.norm(poses[0] - poses[-1]) > 1  # the end point is not repeated
+
+
+def test_relative_motion_and_dead_reckoning_are_inverse():
+    poses = make(n_poses=50).poses
+    again = world.dead_reckoning(poses[0], world.relative_motion(poses))
+    assert np.allclose(again, poses, atol=1e-12)
+
+
+@pytest.mark.parametrize("angle", [-np.pi, np.pi, 3 * np.pi, -0.1, 7.0])
+def test_wrap_angle(angle):
+    wrapped = world.wrap_angle(angle)
+    assert -np.pi <= wrapped < np.pi
+    assert np.isclose(np.exp(1j * wrapped), np.exp(1j * angle))
+
+
+def test_draw_order_is_the_documented_one():
+    drawn, rng = make(seed=7), np.random.default_rng(7)
+    assert np.array_equal(drawn.landmarks, rng.uniform(-4, 4, (6, 2)))
+    noise = rng.normal(size=(29, 3)) * [0.05, 0.05, 0.01]
+    assert np.allclose(drawn.odometry, world.relative_motion(drawn.poses) + noise, rtol=0, atol=0)
+    distance = np.linalg.norm(drawn.poses[:, None, :2] - drawn.landmarks, axis=2)
+    assert np.array_equal(drawn.ranges, (distance + rng.normal(size=(30, 6)) * 0.1).ravel())
+    assert np.array_equal(drawn.pose_of, np.repeat(np.arange(30), 6))
+
+
+def test_p_changes_associations_and_nothing_else():
+    worlds = [make(p=p, seed=3) for p in (0.0, 0.2, 0.5, 1.0)]
+    for other in worlds[1:]:
+        for name in ("poses", "landmarks", "odometry", "pose_of", "source_of", "ranges"):
+            assert np.array_equal(getattr(other, name), getattr(worlds[0], name))
+    wrong = [w.label_of != w.source_of for w in worlds]
+    assert not wrong[0].any()
+    assert wrong[-1].all()
+    assert np.all(wrong[1] <= wrong[2])  # nested: wrong at a small p is wrong at a larger one
+
+
+def test_wrong_associations_follow_their_law():
+    """Binomial share and uniform other label. Failure probability 2e-4 in all."""
+    source = np.tile(np.arange(6), 5000)
+    labels = world.wrong_associations(source, 6, 0.3, rng=np.random.default_rng(1))
+    wrong = labels != source
+    assert stats.binomtest(int(wrong.sum()), len(source), 0.3).pvalue > 1e-4
+    shift = (labels - source)[wrong] % 6
+    counts = np.bincount(shift, minlength=6)
+    assert counts[0] == 0
+    assert stats.chisquare(counts[1:]).pvalue > 1e-4
+
+
+def test_noise_has_the_stated_sigmas():
+    """Chi-square on 870 odometry and 1800 range residuals. Failure probability 2e-4."""
+    drawn = make(n_poses=300, seed=5)
+    residual = drawn.odometry - world.relative_motion(drawn.poses)
+    z = (residual / [0.05, 0.05, 0.01]).ravel()
+    distance = np.linalg.norm(
+        drawn.poses[drawn.pose_of, :2] - drawn.landmarks[drawn.source_of], axis=1
+    )
+    for values in (z, (drawn.ranges - distance) / 0.1):
+        tail = stats.chi2.cdf(np.sum(values**2), len(values))
+        assert 5e-5 < tail < 1 - 5e-5
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("range_sigma", -0.1), ("range_sigma", 0.0), ("n_poses", 2), ("n_poses", 30.0),
+     ("n_landmarks", 1), ("radius", float("nan")), ("odometry_sigma_xy", "high"), ("rage", 1.0)],
+)  # fmt: skip
+def test_bad_scenario_names_the_parameter(name, value):
+    with pytest.raises(ValueError, match=name):
+        world.Scenario(**{name: value})
+
+
+@pytest.mark.parametrize("p", [-0.1, 1.1, float("nan")])
+def test_bad_p_is_refused(p):
+    with pytest.raises(ValueError, match="p is"):
+        make(p=p)
+
+
+def test_pick_and_part():
+    names = {**world.Scenario(radius=2.0).model_dump(), "unrelated": 1}
+    assert world.Scenario.pick(names).radius == 2.0
+    with pytest.raises(KeyError, match="n_poses"):
+        world.Scenario.pick({})
