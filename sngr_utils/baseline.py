@@ -39,6 +39,11 @@ class Baseline:
         """(N,) bool: which windows trigger at `tau`."""
         return windows.triggers(self.scores, tau)
 
+    @property
+    def base_rate(self) -> float:
+        """Share of the windows that may fire that failed: the precision of firing at random."""
+        return float(self.failed[windows.FIRST_ELIGIBLE :].mean())
+
     def detection(self, tau: float) -> metrics.Detection:
         """The trigger at `tau` against failure, over all N windows."""
         return metrics.detection(self.fired(tau), self.failed)

@@ -14,7 +14,7 @@ from sngr_utils.world import Positive, Probability, Scenario, Seed
 
 
 class Config(Scenario, nested.SamplerSettings, refine.Gate, refine.TriggerOnly):
-    """Parameters of the full pipeline; the defaults are the paper's values.
+    """Parameters of the full pipeline; the defaults are the paper's values where it states them.
 
     p_levels : wrong-association probabilities; must hold p_diagnosed and p_noop
     p_diagnosed : level of the diagnostics figure
@@ -168,10 +168,11 @@ def window_positions(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Positions of a window's poses: truth (3, 2), iSAM2 (3, 2), n samples (n, 3, 2), mean (3, 2).
 
-    The samples are those of largest weight.
+    The samples are drawn by weight.
     """
     likelihood = likelihood_of(config, level, window.t)
-    heaviest = window.run.samples[np.argsort(window.run.weights)[-n:]]
+    rng = np.random.default_rng([config.seed, 3])
+    drawn = rng.choice(window.run.samples, size=n, p=window.run.weights)
 
     def positions(poses):
         return np.array([graph.pose_vector(pose)[:2] for pose in poses])
@@ -180,7 +181,7 @@ def window_positions(
     return (
         level.baseline.world.poses[part, :2],
         level.baseline.solution.poses[part, :2],
-        np.array([positions(likelihood.variables(xi)) for xi in heaviest]),
+        np.array([positions(likelihood.variables(xi)) for xi in drawn]),
         positions(window.poses),
     )
 
@@ -188,16 +189,27 @@ def window_positions(
 def mean_cost(window: refine.RefinedWindow) -> float:
     """Expected loss of log posterior by taking a sampled mean for the maximum, d / 2n, [nats].
 
-    n is the effective sample size; exact for a Gaussian and independent samples.
+    n is the effective sample size. For a Gaussian, independent samples, and a prior that is
+    wide compared with the likelihood.
     """
     n_samples, dimension = window.run.samples.shape
     return dimension / (2 * window.run.ess_share * n_samples)
 
 
-def spread_ratio(level: Refinement, window: refine.RefinedWindow) -> float:
-    """Sampled over marginal standard deviation of a window, geometric mean over coordinates."""
-    sampled, marginal = window.run.covariance, level.baseline.covariances[window.t]
-    return float(np.exp(0.5 * np.mean(np.log(np.diag(sampled) / np.diag(marginal)))))
+def spread_ratios(level: Refinement, window: refine.RefinedWindow) -> tuple[float, float]:
+    """Sampled standard deviation over the marginal, and over the conditional with the rest held.
+
+    Geometric means over the window's nine coordinates.
+    """
+    solution, keys = level.baseline.solution, windows.window_keys(window.t)
+    marginal = level.baseline.covariances[window.t]
+    conditional = windows.conditional_covariance(solution.graph, solution.estimate, keys)
+
+    def ratio(reference):
+        variances = np.diag(window.run.covariance) / np.diag(reference)
+        return float(np.exp(0.5 * np.mean(np.log(variances))))
+
+    return ratio(marginal), ratio(conditional)
 
 
 def rmse_series(levels: dict[float, Refinement]) -> dict[str, list[float]]:
@@ -270,7 +282,7 @@ def _gain_cells(level: Refinement) -> list[str]:
     gains = level.gains
     spread = [report.NONE] * 3
     if len(gains):
-        spread = [report.text(v) for v in (gains.min(), np.median(gains), gains.max())]
+        spread = [report.text(v, ".3f") for v in (gains.min(), np.median(gains), gains.max())]
     change = 1e3 * (level.pose_rmse - level.baseline.pose_rmse)
     return [str(len(gains)), str(level.accepted), *spread, report.text(change, "+.0f")]
 
@@ -285,10 +297,16 @@ def record(
     to.value("sngr.seed", config.seed, ".0f")
     to.value("sngr.tau", config.tau)
     to.value("sngr.p_diagnosed", config.p_diagnosed, "g")
+    window = example_window(config, levels[config.p_diagnosed])
+    to.value("sngr.mean_cost", mean_cost(window), ".3f", unit="nats")
     for preset, level in presets.items():
         to.value(f"sngr.refined.{preset}", len(level.windows), ".0f")
         to.value(f"sngr.gain_median.{preset}", level.median_gain, unit="nats")
         to.value(f"sngr.gain_max.{preset}", level.largest_gain, unit="nats")
+        change = 1e3 * (level.pose_rmse - level.baseline.pose_rmse)
+        to.value(f"sngr.rmse_change.{preset}", change, "+.0f", "mm")
+        to.value(f"sngr.accepted.{preset}", level.accepted, ".0f")
+        to.value(f"sngr.isam2_rmse.{preset}", level.baseline.pose_rmse, unit="m")
     most = max(levels)
     to.value("sngr.p_most", most, "g")
     to.value("sngr.rmse", levels[most].pose_rmse, unit="m")

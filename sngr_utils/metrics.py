@@ -66,7 +66,7 @@ class Detection:
 
     @property
     def base_rate(self) -> float:
-        """Share of all windows that failed: the precision of firing at random."""
+        """Share of all cases that are true: the precision of firing at random among them."""
         return self.failed / self.total if self.total else float("nan")
 
 
@@ -80,7 +80,7 @@ def detection(fired: np.ndarray, failed: np.ndarray) -> Detection:
 def bimodality_coefficient(samples: np.ndarray, weights: np.ndarray) -> float:
     """(skewness^2 + 1) / kurtosis of weighted samples; the uniform law has 5/9.
 
-    Lies in (0, 1]; 1 for two equal spikes, 1/3 for a Gaussian.
+    Lies in (0, 1]; 1 for any two spikes, whatever their masses, 1/3 for a Gaussian.
 
     Parameters
     ----------

@@ -84,10 +84,11 @@ def draw_repeated_masses(ax: Axes, masses: np.ndarray, single_error: float, spre
 
 
 def draw_live_points(ax: Axes, log_volume: np.ndarray, y: np.ndarray) -> None:
-    """Discarded points' y [m] against the log prior volume left, from right to left."""
+    """Discarded points' y [m] against the log prior volume left, as the run goes on."""
     ax.plot(log_volume, y, ".", ms=1.5, color=style.SAMPLES)
     ax.invert_xaxis()
     ax.set_yscale("symlog", linthresh=3)
+    ax.set_yticks([-100, -10, 0, 10, 100])
     ax.set(xlabel="log prior volume left", ylabel="y of the discarded point [m]")
 
 
@@ -112,23 +113,27 @@ def draw_world(ax: Axes, base: Baseline, tau: float | None = None) -> None:
         marked = sorted({int(t) + i for t in fired for i in range(windows.WIDTH)})
         ax.plot(*estimate[marked, :2].T, "o", color=style.TRIGGERED, ms=3, label="fires")
     ax.plot(*base.world.landmarks.T, "*", color=style.TRUTH, ms=5, label="landmark")
-    ax.plot(*base.solution.landmarks.T, "P", color=style.LANDMARK, ms=4, label="estimate")
+    ax.plot(*base.solution.landmarks.T, "+", color=style.ESTIMATE, ms=5, label="estimate")
     ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     legend_above(ax)
 
 
 def draw_ranges(ax: Axes, base: Baseline, t: int) -> None:
-    """The circles that the ranges of pose t draw around the landmarks they are attached to."""
+    """The circles that the ranges of pose t draw around the landmarks they are credited to."""
     the_world = base.world
     draw_world_truth(ax, base)
+    looks = {False: (style.ESTIMATE, "-", "right"), True: (style.TRIGGERED, "--", "wrong")}
     for m in np.flatnonzero(the_world.pose_of == t):
-        wrong = the_world.label_of[m] != the_world.source_of[m]
-        colour = style.TRIGGERED if wrong else style.ESTIMATE
+        colour, line, _ = looks[bool(the_world.label_of[m] != the_world.source_of[m])]
         centre = the_world.landmarks[the_world.label_of[m]]
-        ax.add_patch(Circle(centre, the_world.ranges[m], fill=False, color=colour, lw=0.7,
-                            ls="--" if wrong else "-"))  # fmt: skip
+        ax.add_patch(Circle(centre, the_world.ranges[m], fill=False, color=colour, lw=0.7, ls=line))
+        ax.plot(*centre, "o", mfc="none", color=colour, ms=7)
+    for colour, line, name in looks.values():
+        ax.plot([], [], ls=line, color=colour, label=f"credited to the {name} landmark")
     ax.plot(*the_world.poses[t, :2], "o", color=style.TRUTH, ms=5)
-    ax.autoscale_view()
+    reach = 1.7 * np.abs(the_world.poses[:, :2]).max()
+    ax.set(xlim=(-reach, reach), ylim=(-reach, reach))
+    legend_above(ax, ncols=2)
 
 
 def draw_world_truth(ax: Axes, base: Baseline) -> None:
@@ -139,15 +144,15 @@ def draw_world_truth(ax: Axes, base: Baseline) -> None:
 
 
 def draw_scores(ax: Axes, base: Baseline, tau: float) -> None:
-    """Score of every window, those that fire or failed marked, with the threshold."""
+    """Score of every window, those that fire and those that failed marked, with the threshold."""
     t, fired = np.arange(len(base.scores)), base.fired(tau)
-    colours = [style.TRIGGERED if f else style.ESTIMATE for f in fired]
-    ax.bar(t, base.scores, color=colours, width=0.8)
-    ax.plot(t[base.failed], base.scores[base.failed] + 0.03, "v", color=style.TRUTH, ms=2,
+    ax.plot(t[~fired], base.scores[~fired], "o", color=style.ESTIMATE, ms=2.5)
+    ax.plot(t[fired], base.scores[fired], "o", color=style.TRIGGERED, ms=2.5, label="fires")
+    ax.plot(t[base.failed], base.scores[base.failed] + 0.08, "v", color=style.TRUTH, ms=2,
             label="failed")  # fmt: skip
     ax.axhline(tau, color=style.TRIGGERED, lw=0.8, ls="--", label=rf"$\tau$ = {tau:g}")
-    low, high = base.scores.min(), max(base.scores.max(), tau)
-    ax.set(xlabel="window", ylabel="score", ylim=(low - 0.1, high + 0.15))
+    ax.set(xlabel="window", ylabel="score")
+    ax.margins(y=0.12)
     legend_above(ax)
 
 
@@ -180,6 +185,7 @@ def draw_gains(ax: Axes, presets: dict[str, tuple[np.ndarray, np.ndarray]]) -> N
     _draw_by_preset(ax, presets)
     ax.axhline(0, color=style.TRUTH, lw=0.6, ls=":")
     ax.set_yscale("symlog", linthresh=0.1)
+    ax.margins(y=0.1)
     ax.set(xlabel="window", ylabel=r"$\Delta$ log p [nats]")
     legend_above(ax)
 
@@ -194,21 +200,25 @@ def draw_ess(ax: Axes, presets: dict[str, tuple[np.ndarray, np.ndarray]]) -> Non
 def _draw_by_preset(ax: Axes, presets: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
     for i, (name, (t, values)) in enumerate(presets.items()):
         label = name if i else f"preset {name}"
-        ax.plot(t, values, PRESET_MARKERS[name], color=PRESET_COLOURS[name], label=label)
+        ax.plot(
+            t, values, PRESET_MARKERS[name], color=PRESET_COLOURS[name], mfc="none", label=label
+        )
 
 
-def draw_window_samples(ax: Axes, truth: np.ndarray, estimate: np.ndarray, run_poses: np.ndarray,
-                        mean: np.ndarray) -> None:  # fmt: skip
+def draw_window_samples(
+    ax: Axes, truth: np.ndarray, estimate: np.ndarray, samples: np.ndarray, mean: np.ndarray
+) -> None:
     """Positions of a window's three poses: truth, iSAM2 and mean (3, 2), samples (N, 3, 2)."""
     for i in range(len(truth)):
-        ax.plot(*run_poses[:, i].T, ".", color=style.SAMPLES, ms=1.5, alpha=0.4, zorder=1)
+        ax.plot(*samples[:, i].T, ".", color=style.SAMPLES, ms=1.5, alpha=0.5, zorder=1)
+        ax.plot(*np.transpose([estimate[i], truth[i]]), ":", color=style.TRUTH, lw=0.6)
+    ax.plot([], [], ".", color=style.SAMPLES, label="samples")
     for points, marker, colour, name in (
-        (truth, "*", style.TRUTH, "truth"),
         (estimate, "o", style.ESTIMATE, "iSAM2"),
         (mean, "x", style.TRIGGERED, "sample mean"),
+        (truth, "*", style.TRUTH, "truth"),
     ):
-        ax.plot(*points.T, marker, color=colour, ms=5, label=name)
-    ax.plot([], [], ".", color=style.SAMPLES, label="samples")
+        ax.plot(*points.T, marker, color=colour, ms=5, mfc="none", label=name)
     ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     ax.legend(loc="center left", bbox_to_anchor=(1, 0.5))
 
@@ -223,17 +233,21 @@ def draw_rmse(ax: Axes, p: Sequence[float], series: dict[str, Sequence[float]]) 
     }
     for name, values in series.items():
         colour, line, marker = looks[name]
-        ax.plot(p, values, ls=line, marker=marker, color=colour, ms=4, label=name)
+        ax.plot(p, values, ls=line, marker=marker, color=colour, ms=6, mfc="none", label=name)
     ax.set(xlabel=WRONG_LABEL, ylabel="pose RMSE [m]")
     ax.set_ylim(bottom=0)
-    ax.legend()
+    legend_above(ax, ncols=4)
 
 
-def draw_saving(ax: Axes, triggered: Sequence[int], saving: Sequence[float], total: int) -> None:
-    """Saving of the selective run against the number of windows that fire, with total / n."""
+def draw_saving(
+    ax: Axes, series: dict[str, tuple[Sequence[int], Sequence[float]]], total: int
+) -> None:
+    """Saving against the number of windows that fire, "ours" and "printed", with total / n."""
     n = np.arange(1, total + 1)
     ax.plot(n, total / n, "-", color=style.TRUTH, lw=0.6, label=f"{total} / n")
-    ax.plot(triggered, saving, "o", color=style.SAMPLES, label="measured, in likelihood calls")
-    ax.set(xlabel="windows that fire, n", ylabel="exhaustive / selective")
-    ax.set_yscale("log")
+    looks = {"ours": (style.SAMPLES, "o"), "printed": (style.PRINTED, "s")}
+    for name, (fired, saving) in series.items():
+        colour, marker = looks[name]
+        ax.plot(fired, saving, marker, color=colour, label=name)
+    ax.set(xlabel="windows that fire, n", ylabel="exhaustive / selective", ylim=(0, 10))
     ax.legend()

@@ -110,8 +110,8 @@ def refine_windows(
 def apply_updates(estimate: gtsam.Values, refined: list[RefinedWindow]) -> gtsam.Values:
     """A copy of `estimate` with all accepted windows applied together.
 
-    Windows overlap. The paper does not say who wins; here the later window does, so that a
-    pose takes its value from the window it begins.
+    Windows overlap. The paper does not say who wins; here the later window does: a pose takes
+    its value from the latest accepted window that holds it.
     """
     updated = gtsam.Values(estimate)
     for window in sorted(refined, key=lambda window: window.t):

@@ -70,6 +70,22 @@ def touching_factors(
     return subset
 
 
+def conditional_covariance(
+    graph: gtsam.NonlinearFactorGraph, estimate: gtsam.Values, keys: list[int]
+) -> np.ndarray:
+    """(9, 9) covariance of a window with all other variables held, linearised at `estimate`.
+
+    The inverse of the window's block of the information matrix; in the body-frame tangent.
+    """
+    factors, ordering = touching_factors(graph, keys), gtsam.Ordering()
+    held = [key for key in factors.keyVector() if key not in keys]
+    for key in [*keys, *held]:
+        ordering.push_back(key)
+    jacobian, _ = factors.linearize(estimate).jacobian(ordering)
+    own = jacobian[:, : 3 * len(keys)]
+    return np.linalg.inv(own.T @ own)
+
+
 def closure(graph: gtsam.NonlinearFactorGraph, keys: list[int]) -> set[int]:
     """Closure C_w: all variables joined to `keys` by factors, to a fixed point.
 

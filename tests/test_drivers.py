@@ -83,6 +83,18 @@ def test_both_modes_found_with_half_the_mass_each(bimodal_result):
     assert ((masses > 0.05) & (masses < 0.95)).all()
 
 
+def test_masses_are_of_the_modes_wherever_isam2_ended():
+    """From a start off the saddle the prior is centred on a mode; y > 0 still means that mode.
+
+    Quadrature puts the other mode's mass at half a per cent, far from the 0.2 allowed.
+    """
+    config = bimodal.Config(n_repeats=2)
+    upper = bimodal.run(config, at=np.array([2.0, 0.5]))
+    lower = bimodal.run(config, at=np.array([2.0, -0.5]))
+    assert (upper.upper_masses > 0.8).all()
+    assert (lower.upper_masses < 0.2).all()
+
+
 def test_one_run_cannot_know_its_own_mass_error(bimodal_result):
     """The spread of 20 runs exceeds the resampled error; the ratio is near 3.5.
 
@@ -164,6 +176,7 @@ def test_baseline_trends_of_the_paper(sweep):
 def test_sweep_tables(sweep, tmp_path):
     baseline_table = trigger_sweep.baseline_table(sweep)
     assert baseline_table.shape == (5, 14)
+    assert trigger_sweep.clean_table(sweep).shape == (5, 5)
     seeds = trigger_sweep.per_seed_table(sweep)
     assert list(seeds["triggered", "printed"]) == ["14", "8", "0", "10", "0"]
     to = report.Report("x", tmp_path)
@@ -239,7 +252,8 @@ def test_pipeline_tables_and_figures(pipeline, tmp_path):
     assert truth.shape == estimate.shape == mean.shape == (3, 2)
     assert samples.shape == (50, 3, 2)
     assert 0 < full_sngr.mean_cost(window) < 1
-    assert 0 < full_sngr.spread_ratio(level, window) < 1
+    to_marginal, to_conditional = full_sngr.spread_ratios(level, window)
+    assert 0 < to_marginal < to_conditional < 1.5
     fig, axes = style.panels(4)
     plots.draw_window_samples(axes[0], truth, estimate, samples, mean)
     plots.draw_gains(axes[1], full_sngr.per_window(presets, "delta_logp"))
@@ -319,14 +333,14 @@ def test_three_ways_to_write_the_closure_agree(costs, tmp_path):
     assert closure.all_factors == level.baseline.solution.graph.size()
     assert closure.window_factors == 22
     to = report.Report("x", tmp_path)
-    cost.record(levels, closure, to)
+    cost.record(config, levels, closure, to)
     to.table("cost", cost.cost_table(levels), timing=True)
     to.save()
     assert (tmp_path / "x.timings.json").exists()
     assert cost.closure_table(levels, closure).shape == (3, 6)
     assert cost.calls_table(levels).shape == (1, 6)
     fig, axes = style.panels(2)
-    plots.draw_saving(axes[0], [4], [2.5], 10)
+    plots.draw_saving(axes[0], {"ours": ([4], [2.5]), "printed": ([], [])}, 10)
     to.figure(fig, "all")
 
 

@@ -34,6 +34,17 @@ def test_touching_factors_are_those_with_a_pose_of_the_window(clean):
     assert windows.touching_factors(clean.solution.graph, windows.window_keys(27)).size() == 21
 
 
+def test_conditional_covariance_is_the_inverse_of_the_information_block(noisy):
+    from test_graph import dense_covariance
+
+    solution, keys = noisy.solution, windows.window_keys(12)
+    covariance, slices = dense_covariance(solution)
+    rows = np.concatenate([np.arange(len(covariance))[slices[key]] for key in keys])
+    expected = np.linalg.inv(np.linalg.inv(covariance)[np.ix_(rows, rows)])
+    got = windows.conditional_covariance(solution.graph, solution.estimate, keys)
+    assert np.allclose(got, expected, rtol=1e-6, atol=1e-12)
+
+
 def test_closure_is_the_connected_component(clean):
     everything = set(clean.solution.estimate.keys())
     assert windows.closure(clean.solution.graph, windows.window_keys(5)) == everything
