@@ -29,6 +29,7 @@ export SOURCE_DATE_EPOCH := 1735689600
 PARALLEL = $(if $(findstring -j,$(MAKEFLAGS)),,-j$(JOBS))
 SUBMAKE = $(MAKE) --no-print-directory
 
+.PHONY: verify reference
 .PHONY: help setup lock tex check results notebooks paper pdf test lint clean distclean
 .PHONY: quick $(NOTEBOOKS:%=run/%) $(NOTEBOOKS:%=quick/%) $(NOTEBOOKS:%=refresh/%)
 
@@ -39,6 +40,7 @@ help:
 	@echo 'make quick      the notebooks with the small params/quick, into build/quick'
 	@echo 'make run/NAME   one notebook, e.g. make run/01_bimodal'
 	@echo 'make notebooks  execute the committed notebooks in place, refreshing their outputs'
+	@echo 'make verify     re-run everything aside and compare with paper/reference'
 	@echo 'make setup      the Python environment only (.venv)'
 	@echo 'make lint       ruff'
 	@echo 'make lock       resolve pyproject.toml into environment.lock again (needs uv)'
@@ -74,6 +76,18 @@ notebooks: check
 
 $(NOTEBOOKS:%=refresh/%): refresh/%: setup
 	@$(RUN) refresh $*
+
+verify: check
+	@$(SUBMAKE) $(PARALLEL) $(NOTEBOOKS:%=scratch/%)
+	@$(PY) -m sngr_utils.verify compare
+
+.PHONY: $(NOTEBOOKS:%=scratch/%)
+$(NOTEBOOKS:%=scratch/%): scratch/%: setup
+	@$(RUN) scratch $*
+
+# After a deliberate change: make the results at hand the reference.
+reference: results
+	@$(PY) -m sngr_utils.verify adopt
 
 tex:
 	@bash scripts/install_tex.sh

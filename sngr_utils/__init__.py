@@ -15,7 +15,9 @@ what stands above it in this list:
 `plots`           ``draw_*(ax, data)``
 `report`          results -> JSON -> LaTeX values and tables
 `bimodal` ...     one driver per notebook: `bimodal`, `trigger_sweep`, `full_sngr`, `cost`
+`parameters`      reads ``params/*.yaml`` and checks every value
 `run`             runs the notebooks headless (used by the Makefile)
+`verify`          re-runs everything and compares it with the committed reference
 ================  =====================================================================
 """
 

@@ -252,7 +252,7 @@ def record(
     to.value("cost.p_first", first, "g")
     to.value("cost.saving_calls", costs[first].saving_calls, ".1f")
     calls = np.concatenate([cost.calls for cost in costs.values()])
-    to.value("cost.calls_per_window", calls.mean(), ".0f", n=len(calls))
+    to.value("cost.calls_per_window", calls.mean(), ".0f", n=len(calls), within=50)
     to.value("closure.all_factors", closure.all_factors, ".0f")
     to.value("closure.window_factors", closure.window_factors, ".0f")
     seconds = np.concatenate([cost.seconds for cost in costs.values()])

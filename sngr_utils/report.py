@@ -8,6 +8,7 @@ own, ``<notebook>.timings.json``.
 
 import json
 import math
+import re
 from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import version
@@ -96,6 +97,7 @@ class Report:
         error: float | None = None,
         n: int = 1,
         timing: bool = False,
+        within: float | None = None,
     ) -> None:
         """Hand on one number.
 
@@ -106,10 +108,14 @@ class Report:
         error : its standard error where it is stochastic; printed with it
         n : sample size behind it
         timing : whether it is a wall-clock figure
+        within : how far another run may deviate and still reproduce it (`make verify`), in its
+            unit. If not given: 3 standard errors where it has one, exactly for whole numbers,
+            else half a unit of the last printed digit
         """
         entry = {"value": _or_null(value), "format": fmt, "unit": unit, "n": int(n)}
         if error is not None:
             entry["standard_error"] = _or_null(error)
+        entry["tolerance"] = _tolerance(entry, within)
         (self._timings if timing else self._results)["values"][key] = entry
 
     def table(self, name: str, frame: pd.DataFrame, timing: bool = False) -> HTML:
@@ -133,6 +139,18 @@ class Report:
         write_json(self.output_dir / f"{self.notebook}.json", self._results)
         if self._timings["values"] or self._timings["tables"]:
             write_json(self.output_dir / f"{self.notebook}.timings.json", self._timings)
+
+
+def _tolerance(entry: dict, within: float | None) -> dict:
+    """Kind and size of the deviation that still reproduces a value, see `Report.value`."""
+    if within is not None:
+        return {"kind": "absolute", "size": within}
+    if entry.get("standard_error") is not None:
+        return {"kind": "standard errors", "size": 3}
+    decimals = re.search(r"\.(\d)f", entry["format"])
+    if decimals is None or decimals[1] == "0":
+        return {"kind": "exact", "size": 0}
+    return {"kind": "absolute", "size": 0.5 * 10.0 ** -int(decimals[1])}
 
 
 def _or_null(value: float) -> float | None:

@@ -45,9 +45,3 @@ def use_style() -> None:
 def figure(width: float = COLUMN_WIDTH, height: float = 2.4) -> tuple[Figure, Axes]:
     """One figure with one axes, width and height in inches."""
     return plt.subplots(figsize=(width, height))
-
-
-def panels(n: int, width: float = 2 * COLUMN_WIDTH, height: float = 2.4) -> tuple[Figure, list]:
-    """One figure with `n` axes side by side, for reading in the notebook."""
-    fig, axes = plt.subplots(1, n, figsize=(width, height))
-    return fig, list(axes)

@@ -10,7 +10,7 @@ import pytest
 from conftest import IMAGE_TOLERANCE, image_difference
 from PIL import Image
 
-from sngr_utils import paths, run
+from sngr_utils import parameters, paths
 
 NAMES = sorted(path.stem for path in paths.NOTEBOOKS.glob("*.ipynb"))
 
@@ -21,12 +21,12 @@ def name(request):
 
 
 def code_cells(name):
-    return [c for c in run.read_notebook(name).cells if c.cell_type == "code"]
+    return [c for c in parameters.read_notebook(name).cells if c.cell_type == "code"]
 
 
 def test_all_four_are_there():
     assert {"01_bimodal", "02_trigger_sweep", "03_full_sngr", "04_cost"} <= set(NAMES)
-    assert run.notebook_names() == NAMES
+    assert parameters.notebook_names() == NAMES
 
 
 def test_every_code_cell_has_run_in_order_without_error_or_stderr(name):
@@ -46,21 +46,21 @@ def test_outputs_are_stored(name):
 
 
 def test_parameters_are_those_of_the_yaml_and_of_the_driver(name):
-    declared = run.declared_parameters(name)
+    declared = parameters.declared_parameters(name)
     defaults = {key: value for key, (_, value) in declared.items()}
-    assert defaults.pop(run.OUTPUT_DIR).startswith("../build/")
-    assert defaults == run.read_params(name)
-    fields = run.driver_of(name).Config.model_fields
+    assert defaults.pop(parameters.OUTPUT_DIR).startswith("../build/")
+    assert defaults == parameters.read_params(name)
+    fields = parameters.driver_of(name).Config.model_fields
     assert set(defaults) == set(fields)
     assert {key: field.default for key, field in fields.items()} == defaults
     for key, (annotation, _) in declared.items():
-        if key != run.OUTPUT_DIR:
+        if key != parameters.OUTPUT_DIR:
             wanted = str(fields[key].annotation)
             assert annotation.split("[")[0] in wanted
 
 
 def test_quick_parameters_are_valid_and_differ(name):
-    assert run.read_params(name, paths.PARAMS / "quick") != run.read_params(name)
+    assert parameters.read_params(name, paths.PARAMS / "quick") != parameters.read_params(name)
 
 
 def test_cells_are_short(name):
@@ -80,7 +80,9 @@ def test_exercises_have_folded_solutions(name):
     assert 2 <= len(solutions) <= 3
     for cell in solutions:
         assert cell.metadata.jupyter == {"source_hidden": True, "outputs_hidden": True}
-    text = "\n".join(c.source for c in run.read_notebook(name).cells if c.cell_type == "markdown")
+    text = "\n".join(
+        c.source for c in parameters.read_notebook(name).cells if c.cell_type == "markdown"
+    )
     assert text.count("<details>") == text.count("</details>") == len(solutions)
 
 
@@ -108,7 +110,7 @@ def test_the_comparison_of_images_can_fail():
 
 
 def test_a_stripped_notebook_would_be_noticed(tmp_path, monkeypatch):
-    stripped = run.read_notebook("01_bimodal")
+    stripped = parameters.read_notebook("01_bimodal")
     for cell in stripped.cells:
         if cell.cell_type == "code":
             cell.execution_count, cell.outputs = None, []

@@ -11,7 +11,7 @@ import nbformat
 import pytest
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 
-from sngr_utils import paths, report, run
+from sngr_utils import parameters, paths, report, run
 
 NAME = "01_bimodal"
 BODY = """
@@ -36,7 +36,7 @@ def project(tmp_path, monkeypatch):
     shutil.copy(paths.PRINTED_VALUES, tmp_path / "paper")
     shutil.copy(paths.LOCK, tmp_path)
     (tmp_path / "notebooks").mkdir()
-    real, root = run.read_notebook(NAME), paths.ROOT
+    real, root = parameters.read_notebook(NAME), paths.ROOT
     for name in [name for name in vars(paths) if name.isupper()]:
         monkeypatch.setattr(paths, name, tmp_path / getattr(paths, name).relative_to(root))
     (declared,) = (c for c in real.cells if "parameters" in c.metadata.get("tags", []))
@@ -77,43 +77,43 @@ def edit(project, old, new):
 )
 def test_bad_parameters_name_file_and_key(project, capsys, old, new, message):
     edit(project, old, new)
-    with pytest.raises(run.ProjectError, match=f"(?s)params/{NAME}.yaml.*{message}"):
-        run.read_params(NAME)
+    with pytest.raises(parameters.ProjectError, match=f"(?s)params/{NAME}.yaml.*{message}"):
+        parameters.read_params(NAME)
     assert run.main(["check"]) == 1
     assert f"params/{NAME}.yaml" in capsys.readouterr().err
 
 
 def test_scientific_notation_is_a_number(project):
     edit(project, "range_sigma: 0.2", "range_sigma: 2e-1")
-    assert run.read_params(NAME)["range_sigma"] == 0.2
+    assert parameters.read_params(NAME)["range_sigma"] == 0.2
 
 
 def test_missing_files_are_named(project):
     notebook = project / f"notebooks/{NAME}.ipynb"
     moved = notebook.rename(project / "elsewhere")
-    with pytest.raises(run.ProjectError, match=f"notebooks/{NAME}.ipynb is missing"):
-        run.notebook_names()
-    with pytest.raises(run.ProjectError, match=f"notebooks/{NAME}.ipynb is missing"):
-        run.read_notebook(NAME)
+    with pytest.raises(parameters.ProjectError, match=f"notebooks/{NAME}.ipynb is missing"):
+        parameters.notebook_names()
+    with pytest.raises(parameters.ProjectError, match=f"notebooks/{NAME}.ipynb is missing"):
+        parameters.read_notebook(NAME)
     moved.rename(notebook)
     (project / f"params/{NAME}.yaml").unlink()
-    with pytest.raises(run.ProjectError, match=f"params/{NAME}.yaml is missing"):
-        run.notebook_names()
-    with pytest.raises(run.ProjectError, match=f"params/{NAME}.yaml is missing"):
-        run.read_params(NAME)
+    with pytest.raises(parameters.ProjectError, match=f"params/{NAME}.yaml is missing"):
+        parameters.notebook_names()
+    with pytest.raises(parameters.ProjectError, match=f"params/{NAME}.yaml is missing"):
+        parameters.read_params(NAME)
     notebook.write_text("{")
-    with pytest.raises(run.ProjectError, match="is not a notebook"):
-        run.read_notebook(NAME)
+    with pytest.raises(parameters.ProjectError, match="is not a notebook"):
+        parameters.read_notebook(NAME)
 
 
 def test_notebook_without_parameters_or_driver(project):
     declared = declared_cell(project)
     declared.metadata.tags = []
     write_notebook(project, declared, BODY)
-    with pytest.raises(run.ProjectError, match="no cell tagged 'parameters'"):
-        run.declared_parameters(NAME)
-    with pytest.raises(run.ProjectError, match=r"sngr_utils/other\.py is missing"):
-        run.driver_of("09_other")
+    with pytest.raises(parameters.ProjectError, match="no cell tagged 'parameters'"):
+        parameters.declared_parameters(NAME)
+    with pytest.raises(parameters.ProjectError, match=r"sngr_utils/other\.py is missing"):
+        parameters.driver_of("09_other")
 
 
 def test_run_publish_and_freshness(project, capsys):
@@ -135,8 +135,8 @@ def test_run_publish_and_freshness(project, capsys):
     assert figure.read_bytes() == first
 
     edit(project, "seed: 0", "seed: 5")
-    assert not run.is_fresh(NAME, run.read_params(NAME))
-    with pytest.raises(run.ProjectError, match="stale"):
+    assert not run.is_fresh(NAME, parameters.read_params(NAME))
+    with pytest.raises(parameters.ProjectError, match="stale"):
         run.write_latex()
     run.run_notebook(NAME)
     run.write_latex()
@@ -144,7 +144,7 @@ def test_run_publish_and_freshness(project, capsys):
 
 
 def test_what_makes_results_stale(project):
-    params = run.read_params(NAME)
+    params = parameters.read_params(NAME)
     before = run.provenance(NAME, params)
     unrelated = project / "sngr_utils/cost.py"
     unrelated.write_text(unrelated.read_text() + "\n# changed\n")
@@ -170,7 +170,7 @@ def test_failing_notebook_keeps_what_was_published(project, capsys):
 
 def test_notebook_that_saves_nothing_is_an_error(project):
     write_notebook(project, declared_cell(project), "1 + 1")
-    with pytest.raises(run.ProjectError, match="saved no results"):
+    with pytest.raises(parameters.ProjectError, match="saved no results"):
         run.run_notebook(NAME)
 
 
@@ -194,7 +194,7 @@ def test_quick_and_refresh(project):
     broken = BODY + "\n1 / 0"
     write_notebook(project, declared_cell(project), broken)
     content = (project / f"notebooks/{NAME}.ipynb").read_bytes()
-    with pytest.raises(run.ProjectError, match="ZeroDivisionError"):
+    with pytest.raises(parameters.ProjectError, match="ZeroDivisionError"):
         run.refresh_notebook(NAME)
     assert (project / f"notebooks/{NAME}.ipynb").read_bytes() == content
 

@@ -1,0 +1,109 @@
+"""Compare a re-run of everything with the committed reference, value by value.
+
+``make verify`` runs all notebooks aside and calls ``compare``; ``make reference`` calls ``adopt``
+after a deliberate change. Each value brings its own tolerance (see `report.Report.value`).
+"""
+
+import math
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from sngr_utils import paths, report
+from sngr_utils.parameters import notebook_names
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One value, now and in the reference; None where one of the two does not have it.
+
+    `deviation` is in units of the tolerance's own kind: standard errors, or the value's unit.
+    """
+
+    key: str
+    reference: float | None
+    now: float | None
+    kind: str
+    allowed: float
+    deviation: float
+
+    @property
+    def holds(self) -> bool:
+        # a hair of slack, so that a difference equal to the tolerance is not lost to rounding
+        return self.deviation <= self.allowed * (1 + 1e-9)
+
+
+def compare_values(reference: dict[str, dict], now: dict[str, dict]) -> list[Comparison]:
+    """Compare two mappings of key -> entry as `report.Report.value` writes them.
+
+    A key that only one of them has is a breach, and so is a value that only one knows. The
+    tolerance is the reference's.
+    """
+    rows = []
+    for key in sorted(reference.keys() | now.keys()):
+        old, new = reference.get(key, {}), now.get(key, {})
+        tolerance = old.get("tolerance", {"kind": "exact", "size": 0})
+        before, after = old.get("value"), new.get("value")
+        if key in reference and key in now and before is None and after is None:
+            deviation = 0.0
+        elif before is None or after is None:
+            deviation = math.inf
+        else:
+            deviation = abs(after - before)
+            if tolerance["kind"] == "standard errors":
+                deviation /= old["standard_error"]
+        rows.append(Comparison(key, before, after, tolerance["kind"], tolerance["size"], deviation))
+    return rows
+
+
+def table(rows: list[Comparison]) -> str:
+    """What was compared, largest use of its tolerance first, as text."""
+
+    def use(row):
+        return row.deviation / row.allowed if row.allowed else math.inf * (row.deviation > 0 or -1)
+
+    frame = pd.DataFrame([
+        {
+            "value": row.key,
+            "reference": row.reference,
+            "now": row.now,
+            "deviation": f"{row.deviation:.3g}",
+            "allowed": f"{row.allowed:.3g}",
+            "kind": row.kind,
+            "verdict": "ok" if row.holds else "BREACH",
+        }
+        for row in sorted(rows, key=use, reverse=True)
+    ])
+    return frame.to_string(index=False)
+
+
+def compare(folder: Path) -> int:
+    """Compare the results below `folder` with the reference, print the table, return breaches."""
+    rows = []
+    for name in notebook_names():
+        now = report.read_json(folder / name / f"{name}.json")["values"]
+        path = paths.REFERENCE / f"{name}.json"
+        rows += compare_values(report.read_json(path) if path.exists() else {}, now)
+    breaches = sum(not row.holds for row in rows)
+    print(table(rows))
+    print(f"{len(rows)} values compared, {breaches} outside their tolerance")
+    return breaches
+
+
+def adopt() -> None:
+    """Make the published results the reference."""
+    paths.REFERENCE.mkdir(exist_ok=True)
+    for name in notebook_names():
+        values = report.read_json(paths.RESULTS / f"{name}.json")["values"]
+        report.write_json(paths.REFERENCE / f"{name}.json", values)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] == ["adopt"]:
+        adopt()
+    elif sys.argv[1:] == ["compare"]:
+        sys.exit(1 if compare(paths.BUILD / "verify") else 0)
+    else:
+        sys.exit("usage: python -m sngr_utils.verify compare|adopt")
