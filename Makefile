@@ -49,9 +49,9 @@ help:
 
 # Sequential on purpose, so that -j cannot start long work before the checks.
 paper:
-	@$(SUBMAKE) tex
-	@$(SUBMAKE) results
-	@$(SUBMAKE) pdf
+	@+$(SUBMAKE) tex
+	@+$(SUBMAKE) results
+	@+$(SUBMAKE) pdf
 
 setup:
 	@bash scripts/setup.sh '$(PYTHON)'
@@ -60,25 +60,25 @@ check: setup
 	@$(RUN) check
 
 results: check
-	@$(SUBMAKE) $(PARALLEL) $(NOTEBOOKS:%=run/%)
+	@+$(SUBMAKE) $(PARALLEL) $(NOTEBOOKS:%=run/%)
 
 $(NOTEBOOKS:%=run/%): run/%: setup
 	@$(RUN) notebook $*
 
 quick: check
-	@$(SUBMAKE) $(PARALLEL) $(NOTEBOOKS:%=quick/%)
+	@+$(SUBMAKE) $(PARALLEL) $(NOTEBOOKS:%=quick/%)
 
 $(NOTEBOOKS:%=quick/%): quick/%: setup
 	@$(RUN) quick $*
 
 notebooks: check
-	@$(SUBMAKE) $(PARALLEL) $(NOTEBOOKS:%=refresh/%)
+	@+$(SUBMAKE) $(PARALLEL) $(NOTEBOOKS:%=refresh/%)
 
 $(NOTEBOOKS:%=refresh/%): refresh/%: setup
 	@$(RUN) refresh $*
 
 verify: check
-	@$(SUBMAKE) $(PARALLEL) $(NOTEBOOKS:%=scratch/%)
+	@+$(SUBMAKE) $(PARALLEL) $(NOTEBOOKS:%=scratch/%)
 	@$(PY) -m sngr_utils.verify compare
 
 .PHONY: $(NOTEBOOKS:%=scratch/%)

@@ -7,6 +7,7 @@ import argparse
 import ast
 import hashlib
 import json
+import logging
 import os
 import shutil
 import signal
@@ -289,6 +290,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
+        logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # no traceback of the lost kernel
         print("interrupted: published results are untouched", file=sys.stderr)
         return 130
     return 0
