@@ -59,8 +59,9 @@ setup:
 check: setup
 	@$(RUN) check
 
-results: check
-	@+$(SUBMAKE) $(PARALLEL) $(NOTEBOOKS:%=run/%)
+results: setup
+	@+stale=$$($(RUN) stale) && if [ -n "$$stale" ]; then $(SUBMAKE) $(PARALLEL) $$stale; \
+	  else echo 'all notebooks are up to date'; fi
 
 $(NOTEBOOKS:%=run/%): run/%: setup
 	@$(RUN) notebook $*

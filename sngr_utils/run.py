@@ -251,10 +251,16 @@ def write_latex() -> None:
             path.write_text(content, encoding="utf-8")
 
 
-def check() -> None:
-    """Check the parameters of all notebooks."""
-    for name in notebook_names():
-        read_params(name)
+def check() -> dict[str, dict[str, Any]]:
+    """Check the parameters of all notebooks; returns them by notebook."""
+    return {name: read_params(name) for name in notebook_names()}
+
+
+def print_stale() -> None:
+    """Print the make targets that bring the results up to date, after checking all parameters."""
+    for name, params in check().items():
+        if not is_fresh(name, params):
+            print(f"run/{name}")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -262,6 +268,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m sngr_utils.run", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
     commands.add_parser("check", help="check all parameter files")
+    commands.add_parser("stale", help="print the make targets that are out of date")
     commands.add_parser("latex", help="write paper/generated from fresh results")
     for command, help_text in (
         ("notebook", "run notebooks with their YAML unless their results are fresh"),
@@ -273,10 +280,8 @@ def main(arguments: list[str] | None = None) -> int:
     args = parser.parse_args(arguments)
     signal.signal(signal.SIGTERM, _interrupt)
     try:
-        if args.command == "check":
-            check()
-        elif args.command == "latex":
-            write_latex()
+        if args.command in ("check", "stale", "latex"):
+            {"check": check, "stale": print_stale, "latex": write_latex}[args.command]()
         else:
             work = {
                 "notebook": run_notebook,

@@ -129,6 +129,8 @@ def test_run_publish_and_freshness(project, capsys):
     edit(project, "seed: 0", "seed: 0  # nor does a comment")
     run.run_notebook(NAME)
     assert "up to date" in capsys.readouterr().out
+    assert run.main(["stale"]) == 0
+    assert capsys.readouterr().out == ""
 
     figure.write_bytes(b"damaged")
     run.run_notebook(NAME)
@@ -136,6 +138,9 @@ def test_run_publish_and_freshness(project, capsys):
 
     edit(project, "seed: 0", "seed: 5")
     assert not run.is_fresh(NAME, parameters.read_params(NAME))
+    capsys.readouterr()
+    assert run.main(["stale"]) == 0
+    assert capsys.readouterr().out == f"run/{NAME}\n"
     with pytest.raises(parameters.ProjectError, match="stale"):
         run.write_latex()
     run.run_notebook(NAME)
