@@ -7,14 +7,14 @@ SHELL := bash
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
 
-PYTHON ?= python3
+PYTHON ?=
 JOBS ?= 2
 NOTEBOOKS := $(sort $(notdir $(basename $(wildcard notebooks/*.ipynb))))
 PY := .venv/bin/python
 RUN := $(PY) -m sngr_utils.run
 
 # The environment is private: nothing of the user's Python, Jupyter or Matplotlib set-up counts.
-unexport PYTHONPATH PYTHONHOME JUPYTER_PATH VIRTUAL_ENV
+unexport PYTHONPATH PYTHONHOME PYTHONOPTIMIZE JUPYTER_PATH VIRTUAL_ENV MPLBACKEND CDPATH BASH_ENV
 export PYTHONNOUSERSITE := 1
 export PYTHONHASHSEED := 0
 export JUPYTER_CONFIG_DIR := $(CURDIR)/build/cache/jupyter
@@ -26,7 +26,7 @@ export OMP_NUM_THREADS ?= 1
 export SOURCE_DATE_EPOCH := 1735689600
 
 # In a recipe: -j$(JOBS) for a sub-make, unless the user gave make a -j of their own.
-PARALLEL = $(if $(findstring -j,$(MAKEFLAGS)),,-j$(JOBS))
+PARALLEL = $(if $(filter -j% --jobserver%,$(MAKEFLAGS)),,-j$(JOBS))
 SUBMAKE = $(MAKE) --no-print-directory
 
 .PHONY: verify reference

@@ -2,6 +2,7 @@
 # Create .venv from environment.lock and install sngr_utils into it, editable.
 # Usage: setup.sh [PYTHON]. Does nothing if .venv is complete and current.
 set -euo pipefail
+unset CDPATH PIP_USER PIP_TARGET PIP_PREFIX PIP_REQUIRE_VIRTUALENV
 cd "$(dirname "$0")/.."
 
 # Complete: made from this lock, in this folder (a moved copy starts anew).
@@ -16,7 +17,11 @@ import sys
 sys.exit(not ((3, 11) <= sys.version_info[:2] <= (3, 14)))' 2> /dev/null
 }
 python=
-for candidate in "${1:-python3}" python3.13 python3.12 python3.11 python3.14; do
+if [ -n "${1:-}" ] && ! supported "$1"; then
+  echo "error: PYTHON=$1 is not a Python 3.11 to 3.14 that runs" >&2
+  exit 1
+fi
+for candidate in "${1:-python3}" python3 python3.13 python3.12 python3.11 python3.14; do
   if supported "$candidate"; then
     python=$candidate
     break
@@ -24,6 +29,11 @@ for candidate in "${1:-python3}" python3.13 python3.12 python3.11 python3.14; do
 done
 if [ -z "$python" ]; then
   echo "error: no Python 3.11 to 3.14 found; name one with: make setup PYTHON=/path/to/python3" >&2
+  exit 1
+fi
+
+if [ -e .venv ] && { [ ! -w .venv ] || [ ! -w .venv/bin ]; }; then
+  echo "error: .venv is not yours to replace (it belongs to $(ls -ld .venv | awk '{print $3}'))" >&2
   exit 1
 fi
 

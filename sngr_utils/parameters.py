@@ -44,7 +44,7 @@ def read_notebook(name: str) -> nbformat.NotebookNode:
         raise ProjectError(f"notebooks/{name}.ipynb is missing")
     try:
         return nbformat.read(path, as_version=4)
-    except (ValueError, nbformat.ValidationError) as error:
+    except (ValueError, AttributeError, nbformat.ValidationError) as error:
         raise ProjectError(f"notebooks/{name}.ipynb is not a notebook: {error}") from error
 
 
@@ -52,14 +52,20 @@ def declared_parameters(name: str) -> dict[str, tuple[str, Any]]:
     """Parameter -> (annotation, default) of the notebook's cell tagged ``parameters``."""
     for cell in read_notebook(name).cells:
         if "parameters" in cell.metadata.get("tags", []):
-            return {
-                statement.target.id: (
-                    ast.unparse(statement.annotation),
-                    ast.literal_eval(statement.value),
-                )
-                for statement in ast.parse(cell.source).body
-                if isinstance(statement, ast.AnnAssign)
-            }
+            try:
+                return {
+                    statement.target.id: (
+                        ast.unparse(statement.annotation),
+                        ast.literal_eval(statement.value),
+                    )
+                    for statement in ast.parse(cell.source).body
+                    if isinstance(statement, ast.AnnAssign)
+                }
+            except (SyntaxError, ValueError, TypeError) as error:
+                raise ProjectError(
+                    f"notebooks/{name}.ipynb: the parameters cell must hold lines "
+                    f"'name: type = literal value': {error}"
+                ) from error
     raise ProjectError(f"notebooks/{name}.ipynb has no cell tagged 'parameters'")
 
 
@@ -77,7 +83,7 @@ def read_params(name: str, folder: Path | None = None) -> dict[str, Any]:
         raise ProjectError(f"{where} is missing")
     try:
         values = YAML(typ="safe", pure=True).load(path)
-    except YAMLError as error:
+    except (YAMLError, OSError, ValueError) as error:
         raise ProjectError(f"{where} is not valid YAML: {error}") from error
     if not isinstance(values, dict):
         raise ProjectError(f"{where} must hold 'key: value' lines")
@@ -100,7 +106,10 @@ def read_params(name: str, folder: Path | None = None) -> dict[str, Any]:
 
 def _check_type(where: str, key: str, annotation: str, value: Any) -> None:
     allowed = {"int": int, "float": float, "str": str, "bool": bool, "list": list, "dict": dict}
-    wanted = eval(annotation, {"__builtins__": {}}, allowed)  # the notebook's own annotation
+    try:
+        wanted = eval(annotation, {"__builtins__": {}}, allowed)  # the notebook's own annotation
+    except (NameError, TypeError) as error:
+        raise ProjectError(f"{where}: {key} is declared as {annotation!r}: {error}") from error
     try:
         TypeAdapter(wanted).validate_python(value, strict=True)
     except ValidationError as error:

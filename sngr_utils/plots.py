@@ -93,9 +93,12 @@ def draw_live_points(ax: Axes, log_volume: np.ndarray, y: np.ndarray) -> None:
 
 
 def run_plot(run: NestedRun) -> Figure:
-    """dynesty's own summary of a run: live points, likelihood, weight, evidence."""
+    """dynesty's own summary of a run: live points, likelihood, weight, evidence.
+
+    Without its smoothing of the weights, which draws from an unseeded generator.
+    """
     fig, axes = plt.subplots(4, 1, figsize=(style.COLUMN_WIDTH * 1.5, 5.5), sharex=True)
-    runplot(run.results, fig=(fig, axes), color=style.SAMPLES, lnz_error=False)
+    runplot(run.results, fig=(fig, axes), color=style.SAMPLES, kde=False, lnz_error=False)
     for ax in axes:
         ax.tick_params(labelsize=7)
         ax.xaxis.label.set_size(8)

@@ -5,6 +5,7 @@ The Makefile calls this module; ``python -m sngr_utils.run --help`` lists its co
 
 import argparse
 import ast
+import fcntl
 import hashlib
 import json
 import logging
@@ -14,13 +15,14 @@ import signal
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import nbformat
 import papermill
 from nbclient import NotebookClient
-from nbclient.exceptions import CellExecutionError
+from nbclient.exceptions import CellExecutionError, DeadKernelError
 from papermill.exceptions import PapermillExecutionError
 
 from sngr_utils import paths, report
@@ -32,6 +34,7 @@ from sngr_utils.parameters import (
     read_params,
 )
 
+UNTOUCHED = "published results are untouched"
 QUIET_KERNEL = ["--log-level=50"]  # no remarks about its transport or its end
 
 
@@ -85,16 +88,25 @@ def _file_hash(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
 
 
+def _relative(path: Path) -> str:
+    return path.relative_to(paths.ROOT).as_posix()
+
+
 def is_fresh(name: str, params: dict[str, Any]) -> bool:
     """Whether the published results are there, whole, and made from what is here now."""
-    path = paths.RESULTS / f"{name}.json"
-    if not path.exists():
-        return False
-    stamp = report.read_json(path).get("provenance", {})
-    files = stamp.get("files", {})
-    return stamp.get("inputs") == provenance(name, params) and all(
-        (paths.ROOT / file).exists() and _file_hash(paths.ROOT / file) == digest
-        for file, digest in files.items()
+    try:
+        result = report.read_json(paths.RESULTS / f"{name}.json")
+        stamp = result.pop("provenance")
+        files, content, inputs = stamp["files"], stamp["content"], stamp["inputs"]
+    except (OSError, ValueError, KeyError):
+        return False  # missing, damaged, or of an older make
+    return (
+        inputs == provenance(name, params)
+        and content == _hash(result)
+        and all(
+            (paths.ROOT / file).exists() and _file_hash(paths.ROOT / file) == digest
+            for file, digest in files.items()
+        )
     )
 
 
@@ -108,16 +120,26 @@ def run_notebook(name: str) -> None:
     ------
     ProjectError : bad parameters, or the notebook failed. What was published before stays.
     """
-    params = read_params(name)
-    if is_fresh(name, params):
-        print(f"{name}: up to date")
-        return
-    inputs = provenance(name, params)  # before the run: an edit meanwhile makes it stale
-    staging, started = paths.STAGING / name, time.perf_counter()
-    print(f"{name}: running", flush=True)
-    execute(name, params, staging)
-    publish(name, staging, inputs)
-    print(f"{name}: done in {time.perf_counter() - started:.0f} s", flush=True)
+    with _alone(name):
+        params = read_params(name)
+        if is_fresh(name, params):
+            print(f"{name}: up to date")
+            return
+        inputs = provenance(name, params)  # before the run: an edit meanwhile makes it stale
+        staging, started = paths.STAGING / name, time.perf_counter()
+        print(f"{name}: running", flush=True)
+        execute(name, params, staging)
+        publish(name, staging, inputs)
+        print(f"{name}: done in {time.perf_counter() - started:.0f} s", flush=True)
+
+
+@contextmanager
+def _alone(name: str) -> Iterator[None]:
+    """Wait until no other process runs this notebook."""
+    paths.BUILD.mkdir(exist_ok=True)
+    with open(paths.BUILD / f".{name}.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def run_quick(name: str) -> None:
@@ -160,6 +182,8 @@ def execute(name: str, params: dict[str, Any], staging: Path) -> None:
             f"{name} failed in cell {error.cell_index}: {error.ename}: {error.evalue}\n"
             f"  the failed notebook is {shown}; published results are untouched"
         ) from error
+    except DeadKernelError as error:
+        raise ProjectError(f"{name}: the kernel died (out of memory?); {UNTOUCHED}") from error
 
 
 def publish(name: str, staging: Path, inputs: dict[str, str]) -> None:
@@ -174,15 +198,21 @@ def publish(name: str, staging: Path, inputs: dict[str, str]) -> None:
     for figure in result["figures"]:
         target = paths.FIGURES / figure
         os.replace(staging / figure, target)
-        moved[target.relative_to(paths.ROOT).as_posix()] = _file_hash(target)
+        moved[_relative(target)] = _file_hash(target)
     for old in paths.FIGURES.glob(f"{name}_*"):
         if old.name not in result["figures"]:
             old.unlink()  # a figure the notebook no longer draws
-    timings = staging / f"{name}.timings.json"
-    if timings.exists():
-        os.replace(timings, paths.RESULTS / timings.name)
-    os.replace(staging / f"{name}.ipynb", paths.EXECUTED / f"{name}.ipynb")
-    result["provenance"] = {"inputs": inputs, "files": moved}
+    executed = nbformat.read(staging / f"{name}.ipynb", as_version=4)
+    tidy(executed)
+    nbformat.write(executed, staging / f"{name}.ipynb")
+    for source, folder in (
+        (staging / f"{name}.timings.json", paths.RESULTS),
+        (staging / f"{name}.ipynb", paths.EXECUTED),
+    ):
+        if source.exists():
+            os.replace(source, folder / source.name)
+            moved[_relative(folder / source.name)] = _file_hash(folder / source.name)
+    result["provenance"] = {"inputs": inputs, "content": _hash(result), "files": moved}
     report.write_json(result_path, result)
     os.replace(result_path, paths.RESULTS / result_path.name)
 
@@ -219,6 +249,8 @@ def tidy(notebook: nbformat.NotebookNode) -> None:
     }
     for number, cell in enumerate(notebook.cells):
         cell.id = f"cell-{number:02d}"
+        for dated in ("papermill", "execution"):
+            cell.metadata.pop(dated, None)
 
 
 # --- the paper ------------------------------------------------------------------------------
@@ -252,7 +284,9 @@ def write_latex() -> None:
 
 
 def check() -> dict[str, dict[str, Any]]:
-    """Check the parameters of all notebooks; returns them by notebook."""
+    """Check the parameters of all notebooks, the quick ones too; returns the full ones."""
+    for name in notebook_names():
+        read_params(name, paths.PARAMS / "quick")
     return {name: read_params(name) for name in notebook_names()}
 
 
@@ -278,7 +312,8 @@ def main(arguments: list[str] | None = None) -> int:
     ):
         commands.add_parser(command, help=help_text).add_argument("names", nargs="+")
     args = parser.parse_args(arguments)
-    signal.signal(signal.SIGTERM, _interrupt)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _interrupt)
     try:
         if args.command in ("check", "stale", "latex"):
             {"check": check, "stale": print_stale, "latex": write_latex}[args.command]()
@@ -294,14 +329,20 @@ def main(arguments: list[str] | None = None) -> int:
     except ProjectError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
+    except BaseException:
+        if not _interrupted:
+            raise
         logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # no traceback of the lost kernel
-        print("interrupted: published results are untouched", file=sys.stderr)
+        print(f"interrupted: {UNTOUCHED}", file=sys.stderr)
         return 130
     return 0
 
 
+_interrupted = []  # signals received: after one, any exception is a consequence of it
+
+
 def _interrupt(signum, frame):
+    _interrupted.append(signum)
     raise KeyboardInterrupt
 
 

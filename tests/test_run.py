@@ -30,8 +30,9 @@ paper.save()
 def project(tmp_path, monkeypatch):
     """A copy of what the runner needs, with a small notebook in place of the real 01."""
     shutil.copytree(paths.PACKAGE, tmp_path / "sngr_utils")
-    (tmp_path / "params").mkdir()
-    shutil.copy(paths.PARAMS / f"{NAME}.yaml", tmp_path / "params")
+    (tmp_path / "params/quick").mkdir(parents=True)
+    for folder in ("params", "params/quick"):
+        shutil.copy(paths.PARAMS / f"{NAME}.yaml", tmp_path / folder)
     (tmp_path / "paper").mkdir()
     shutil.copy(paths.PRINTED_VALUES, tmp_path / "paper")
     shutil.copy(paths.LOCK, tmp_path)
@@ -120,8 +121,10 @@ def test_run_publish_and_freshness(project, capsys):
     run.run_notebook(NAME)
     result = report.read_json(paths.RESULTS / f"{NAME}.json")
     figure = paths.FIGURES / f"{NAME}_f.pdf"
-    assert result["provenance"]["files"] == {f"figures/{NAME}_f.pdf": run._file_hash(figure)}
-    assert (paths.EXECUTED / f"{NAME}.ipynb").exists()
+    assert set(result["provenance"]["files"]) == {
+        f"figures/{NAME}_f.pdf",
+        f"build/executed/{NAME}.ipynb",
+    }
     first = figure.read_bytes()
 
     capsys.readouterr()
@@ -146,6 +149,38 @@ def test_run_publish_and_freshness(project, capsys):
     run.run_notebook(NAME)
     run.write_latex()
     assert "{5.00}" in (paths.PAPER / "generated/values.tex").read_text()
+
+
+def test_damaged_or_edited_results_are_made_again(project):
+    run.run_notebook(NAME)
+    params = parameters.read_params(NAME)
+    path = paths.RESULTS / f"{NAME}.json"
+    good = path.read_text()
+    for damage in ("{", good.replace('"value": 0.0', '"value": 7.0'), "{}"):
+        assert damage != good
+        path.write_text(damage)
+        assert not run.is_fresh(NAME, params)
+    run.run_notebook(NAME)
+    assert path.read_text() == good
+    (paths.EXECUTED / f"{NAME}.ipynb").unlink()
+    assert not run.is_fresh(NAME, params)
+
+
+def test_a_dead_kernel_is_a_sentence(project, capsys):
+    body = BODY + "\nimport os; os._exit(3)"
+    write_notebook(project, declared_cell(project), body)
+    assert run.main(["notebook", NAME]) == 1
+    assert "the kernel died" in capsys.readouterr().err
+
+
+def test_parameters_cell_that_cannot_be_read(project):
+    for source in ("seed: int = (", "seed: int = 1 * 3", "seed: Real = 0"):
+        declared = declared_cell(project)
+        declared.source = source
+        write_notebook(project, declared, BODY)
+        (project / f"params/{NAME}.yaml").write_text("seed: 0\n")
+        with pytest.raises(parameters.ProjectError, match=NAME):
+            parameters.read_params(NAME)
 
 
 def test_what_makes_results_stale(project):
@@ -187,8 +222,6 @@ def test_figures_no_longer_drawn_are_removed(project):
 
 
 def test_quick_and_refresh(project):
-    (project / "params/quick").mkdir()
-    shutil.copy(project / f"params/{NAME}.yaml", project / "params/quick")
     run.run_quick(NAME)
     assert (project / f"build/quick/{NAME}/{NAME}.json").exists()
     assert not paths.FIGURES.exists()
