@@ -167,27 +167,28 @@ def read_json(path: Path) -> dict:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
-def latex(results: Sequence[dict]) -> dict[str, str]:
-    """File name -> LaTeX text for all values and tables of the given results.
+def latex(results: Sequence[dict], timings: Sequence[dict] = ()) -> dict[str, str]:
+    """File name -> LaTeX text: ``values.tex``, ``timings.tex`` and a file for each table.
 
     Raises
     ------
     ValueError : two notebooks hand on the same key or table
     """
-    files, values = {}, {}
-    for result in results:
-        for key, entry in result["values"].items():
-            if key in values:
-                raise ValueError(f"value {key!r} of {result['notebook']} is already taken")
-            values[key] = latex_value(entry)
-        for name, table in result["tables"].items():
-            if f"tab_{name}.tex" in files:
-                raise ValueError(f"table {name!r} of {result['notebook']} is already taken")
-            files[f"tab_{name}.tex"] = latex_table(table)
-    lines = [
-        rf"\expandafter\def\csname res@{key}\endcsname{{{shown}}}" for key, shown in values.items()
-    ]
-    files["values.tex"] = "\n".join(lines) + "\n"
+    files, taken = {}, set()
+    for file, group in (("values.tex", results), ("timings.tex", timings)):
+        lines = []
+        for result in group:
+            for key, entry in result["values"].items():
+                if key in taken:
+                    raise ValueError(f"value {key!r} of {result['notebook']} is already taken")
+                taken.add(key)
+                shown = latex_value(entry)
+                lines.append(rf"\expandafter\def\csname res@{key}\endcsname{{{shown}}}")
+            for name, table in result["tables"].items():
+                if f"tab_{name}.tex" in files:
+                    raise ValueError(f"table {name!r} of {result['notebook']} is already taken")
+                files[f"tab_{name}.tex"] = latex_table(table)
+        files[file] = "\n".join(lines) + "\n"
     return files
 
 

@@ -50,9 +50,9 @@ def test_from_a_report_to_latex(tmp_path):
     assert result["figures"] == ["05_x_f.pdf"]
     assert "t" not in result["values"]  # wall clocks live in a file of their own
     timings = report.read_json(tmp_path / "out/05_x.timings.json")
-    files = report.latex([result, timings])
+    files = report.latex([result], [timings])
     assert r"\csname res@a.b\endcsname{1.2 $\pm$ 0.5~m}" in files["values.tex"]
-    assert r"\csname res@t\endcsname{3.00}" in files["values.tex"]
+    assert r"\csname res@t\endcsname{3.00}" in files["timings.tex"]
     table = files["tab_x.tex"]
     assert r"\multicolumn{2}{c}{RMSE}" in table
     assert r"0.1 & 1 $\pm$ 2 & --" in table
