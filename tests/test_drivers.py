@@ -129,7 +129,7 @@ def test_bimodal_tables_and_figures(bimodal_result, tmp_path):
     to = report.Report("x", tmp_path)
     bimodal.record(bimodal_result, to)
     config = bimodal_result.config
-    fig, axes = plt.subplots(1, 6)
+    fig, axes = plt.subplots(1, 6, figsize=(2 * 6, 2.5))
     plots.draw_circles(axes[0], config.anchors, 3.0, {"modes": config.modes})
     plots.draw_profile(axes[1], np.arange(3.0), {"a": np.arange(3.0)})
     points = {"iSAM2": bimodal_result.map, "modes": config.modes}
@@ -191,7 +191,7 @@ def test_sweep_tables(sweep, tmp_path):
     assert list(seeds["triggered", "printed"]) == ["14", "8", "0", "10", "0"]
     to = report.Report("x", tmp_path)
     trigger_sweep.record(sweep, to)
-    fig, axes = plt.subplots(1, 5)
+    fig, axes = plt.subplots(1, 5, figsize=(2 * 5, 2.5))
     base = sweep.single(0.3)
     plots.draw_ranges(axes[0], base, 3)
     plots.draw_world(axes[1], base, 3.9)
@@ -264,7 +264,7 @@ def test_pipeline_tables_and_figures(pipeline, tmp_path):
     assert 0 < full_sngr.mean_cost(window) < 1
     to_marginal, to_conditional = full_sngr.spread_ratios(level, window)
     assert 0 < to_marginal < to_conditional < 1.5
-    fig, axes = plt.subplots(1, 4)
+    fig, axes = plt.subplots(1, 4, figsize=(2 * 4, 2.5))
     plots.draw_window_samples(axes[0], truth, estimate, samples, mean)
     plots.draw_gains(axes[1], full_sngr.per_window(presets, "delta_logp"))
     plots.draw_ess(axes[2], full_sngr.per_window(presets, "ess_share"))
@@ -349,7 +349,7 @@ def test_three_ways_to_write_the_closure_agree(costs, tmp_path):
     assert (tmp_path / "x.timings.json").exists()
     assert cost.closure_table(levels, closure).shape == (3, 6)
     assert cost.calls_table(levels).shape == (1, 6)
-    fig, axes = plt.subplots(1, 2)
+    fig, axes = plt.subplots(1, 2, figsize=(2 * 2, 2.5))
     plots.draw_saving(axes[0], {"ours": ([4], [2.5]), "printed": ([], [])}, 10)
     to.figure(fig, "all")
 
