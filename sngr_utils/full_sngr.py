@@ -81,6 +81,11 @@ class Refinement:
         return float(self.gains.max()) if self.windows else float("nan")
 
     @property
+    def rmse_change(self) -> float:
+        """Pose RMSE after refinement less before, [mm]"""
+        return 1e3 * (self.pose_rmse - self.baseline.pose_rmse)
+
+    @property
     def ess_shares(self) -> np.ndarray:
         """(n,) effective sample size of the refined windows as a share of their samples"""
         return np.array([window.run.ess_share for window in self.windows])
@@ -287,8 +292,7 @@ def _gain_cells(level: Refinement, fmt: str) -> list[str]:
     spread = [report.NONE] * 3
     if len(gains):
         spread = [report.text(v, fmt) for v in (gains.min(), np.median(gains), gains.max())]
-    change = 1e3 * (level.pose_rmse - level.baseline.pose_rmse)
-    return [str(len(gains)), str(level.accepted), *spread, report.text(change, "+.0f")]
+    return [str(len(gains)), str(level.accepted), *spread, report.text(level.rmse_change, "+.0f")]
 
 
 def record(
@@ -307,8 +311,7 @@ def record(
         to.value(f"sngr.refined.{preset}", len(level.windows), ".0f")
         to.value(f"sngr.gain_median.{preset}", level.median_gain, ".1f", "nats", within=0.1)
         to.value(f"sngr.gain_max.{preset}", level.largest_gain, ".1f", "nats", within=0.1)
-        change = 1e3 * (level.pose_rmse - level.baseline.pose_rmse)
-        to.value(f"sngr.rmse_change.{preset}", change, "+.0f", "mm", within=1)
+        to.value(f"sngr.rmse_change.{preset}", level.rmse_change, "+.0f", "mm", within=1)
         # the gate is finer than the noise of what it judges: single windows may go either way
         to.value(f"sngr.accepted.{preset}", level.accepted, ".0f", within=2)
         to.value(f"sngr.isam2_rmse.{preset}", level.baseline.pose_rmse, unit="m")
