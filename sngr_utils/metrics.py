@@ -95,10 +95,9 @@ def bimodality_coefficient(samples: np.ndarray, weights: np.ndarray) -> float:
     return float((third**2 / second**3 + 1) / (fourth / second**2))
 
 
-def effective_sample_size(log_weights: np.ndarray) -> float:
-    """Kish's effective sample size (sum w)^2 / sum w^2 of N log weights, from 1 to N.
+def effective_sample_size(weights: np.ndarray) -> float:
+    """Kish's effective sample size (sum w)^2 / sum w^2 of N weights of any sum, from 1 to N.
 
     Source: Kish, Survey Sampling, 1965.
     """
-    weights = np.exp(log_weights - np.max(log_weights))
-    return float(weights.sum() ** 2 / np.sum(weights**2))
+    return float(np.sum(weights) ** 2 / np.sum(np.square(weights)))

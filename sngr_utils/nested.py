@@ -38,6 +38,10 @@ class SamplerSettings(Checked):
     prior_scale: Positive = 1.0
     likelihood_factor: Positive = 0.5
 
+    def walks(self, dimension: int) -> int:
+        """Steps of each random walk in that many dimensions: max(d, min_walks)."""
+        return max(dimension, self.min_walks)
+
 
 class LocalLikelihood:
     """Log-likelihood of a few variables, all others held at the MAP (paper eq. "ll").
@@ -58,15 +62,15 @@ class LocalLikelihood:
         factor: float,
     ) -> None:
         self.keys = keys
-        self._factors = factors
-        self._factor = factor
+        self.factors = factors
+        self.estimate = estimate
+        self.factor = factor
         self._moved = gtsam.Values(estimate)
         self._map = [_variable(estimate, key) for key in keys]
         sizes = [3 if isinstance(v, gtsam.Pose2) else 2 for v in self._map]
         self._slices = [slice(e - n, e) for e, n in zip(np.cumsum(sizes), sizes, strict=True)]
         self.dimension = int(sum(sizes))
-        self.n_factors = factors.size()
-
+        
     def variables(self, xi: np.ndarray) -> list[gtsam.Pose2 | np.ndarray]:
         """MAP.retract(xi): the moved variables, in the order of `keys`."""
         return [
@@ -78,7 +82,7 @@ class LocalLikelihood:
         """-factor * sum of error() at a (d,) tangent vector, [nats]."""
         for key, value in zip(self.keys, self.variables(xi), strict=True):
             self._moved.update(key, value)
-        return -self._factor * self._factors.error(self._moved)
+        return -self.factor * self.factors.error(self._moved)
 
 
 def _variable(values: gtsam.Values, key: int) -> gtsam.Pose2 | np.ndarray:
@@ -104,40 +108,48 @@ def prior_transform(covariance: np.ndarray, scale: float) -> Callable[[np.ndarra
 
 @dataclass(frozen=True)
 class NestedRun:
-    """What a nested sampling run of a d-dimensional target leaves behind.
+    """Weighted samples of a d-dimensional posterior and their evidence, whatever drew them.
 
     Attributes
     ----------
-    mean : (d,) weighted mean of the samples
-    covariance : (d, d) weighted covariance
-    log_evidence, log_evidence_error : log Z and dynesty's own standard error, [nats]
-    ess_share : Kish's effective sample size as a share of the number of samples
+    samples : (N, d)
+    weights : (N,) summing to 1
+    log_likelihoods : (N,) [nats]
+    log_evidence, log_evidence_error : log Z and the sampler's own standard error, [nats]
     calls : likelihood calls
-    results : dynesty's full record
+    results : dynesty's full record, if dynesty drew them
+    note : what the sampler has to say about itself, e.g. why it handed over to another
     """
 
-    mean: np.ndarray
-    covariance: np.ndarray
+    samples: np.ndarray
+    weights: np.ndarray
+    log_likelihoods: np.ndarray
     log_evidence: float
     log_evidence_error: float
-    ess_share: float
     calls: int
-    results: Results
+    results: Results | None = None
+    note: str = ""
 
     @property
-    def samples(self) -> np.ndarray:
-        """(N, d)"""
-        return self.results.samples
+    def mean(self) -> np.ndarray:
+        """(d,) weighted mean of the samples"""
+        return self.weights @ self.samples
 
     @property
-    def weights(self) -> np.ndarray:
-        """(N,) summing to 1"""
-        return self.results.importance_weights()
+    def covariance(self) -> np.ndarray:
+        """(d, d) weighted covariance of the samples"""
+        centred = self.samples - self.mean
+        return (self.weights[:, None] * centred).T @ centred
+
+    @property
+    def ess_share(self) -> float:
+        """Kish's effective sample size as a share of the number of samples."""
+        return effective_sample_size(self.weights) / len(self.weights)
 
     @property
     def best(self) -> np.ndarray:
         """(d,) the sample of highest likelihood"""
-        return self.samples[np.argmax(self.results.logl)]
+        return self.samples[np.argmax(self.log_likelihoods)]
 
 
 class CanonicalWalk(RWalkSampler):
@@ -159,10 +171,15 @@ def run_nested(
     transform: Callable[[np.ndarray], np.ndarray],
     dimension: int,
     settings: SamplerSettings,
+    walk: RWalkSampler | None = None,
     *,
     rng: np.random.Generator,
 ) -> NestedRun:
     """Static nested sampling by dynesty with random walks (paper, section "Refinement").
+
+    Parameters
+    ----------
+    walk : another sampler of new points than `CanonicalWalk`
 
     Source: Speagle, MNRAS 493 (2020) 3132; Skilling, Bayesian Analysis 1 (2006) 833.
     """
@@ -171,24 +188,17 @@ def run_nested(
         transform,
         dimension,
         nlive=settings.n_live,
-        sample=CanonicalWalk(walks=max(dimension, settings.min_walks)),
+        sample=walk or CanonicalWalk(walks=settings.walks(dimension)),
         rstate=rng,
     )
     sampler.run_nested(dlogz=settings.dlogz, print_progress=False)
-    return summarise(sampler.results)
-
-
-def summarise(results: Results) -> NestedRun:
-    """Weighted mean, covariance, evidence and effective sample size of a dynesty record."""
-    weights = results.importance_weights()
-    mean = weights @ results.samples
-    centred = results.samples - mean
+    results = sampler.results
     return NestedRun(
-        mean=mean,
-        covariance=(weights[:, None] * centred).T @ centred,
+        samples=results.samples,
+        weights=results.importance_weights(),
+        log_likelihoods=results.logl,
         log_evidence=float(results.logz[-1]),
         log_evidence_error=float(results.logzerr[-1]),
-        ess_share=effective_sample_size(results.logwt) / len(weights),
         calls=int(np.sum(results.ncall)),
         results=results,
     )

@@ -9,7 +9,7 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 from pydantic import Field
 
-from sngr_utils import nested, windows
+from sngr_utils import engines, nested, windows
 from sngr_utils.graph import Solution
 from sngr_utils.world import Checked, Positive
 
@@ -57,54 +57,47 @@ def passes_gate(delta_logp: float, tolerance: float) -> bool:
     return delta_logp >= -tolerance
 
 
-def refine_window(
-    solution: Solution,
-    t: int,
-    covariance: np.ndarray,
-    settings: nested.SamplerSettings,
-    gate: Gate,
-    *,
-    rng: np.random.Generator,
-) -> RefinedWindow:
-    """Sample one window, take the weighted mean, ask the gate (paper, Algorithm 1).
-
-    Parameters
-    ----------
-    t : first pose of the window
-    covariance : (9, 9) joint marginal Sigma_w at the MAP
-    """
-    likelihood = window_likelihood(solution, t, settings.likelihood_factor)
-    transform = nested.prior_transform(covariance, settings.prior_scale)
-    run = nested.run_nested(likelihood, transform, likelihood.dimension, settings, rng=rng)
-    delta_logp = likelihood(run.mean) - likelihood(np.zeros(likelihood.dimension))
-    accepted = passes_gate(delta_logp, gate.gate_tolerance)
-    return RefinedWindow(t, delta_logp, accepted, likelihood.variables(run.mean), run)
-
-
 def refine_windows(
     solution: Solution,
     which: Iterable[int],
     covariances: np.ndarray,
     settings: nested.SamplerSettings,
     gate: Gate,
+    engine: str = "dynesty",
     *,
     rng: np.random.Generator,
 ) -> list[RefinedWindow]:
-    """Refine each window in `which`, all from the same iSAM2 estimate.
+    """Sample windows, take the weighted means, ask the gate (paper, Algorithm 1).
 
-    Every window of the trajectory has a random stream of its own, so a window's result does
-    not depend on which others are refined, nor on their order.
+    All start from the same iSAM2 estimate. Every window of the trajectory has a random stream
+    of its own, so a window's result does not depend on which others are refined, on their
+    order, or on how many are sampled at a time (``joblib.parallel_config(n_jobs=...)``).
 
     Parameters
     ----------
     which : first poses of the windows to refine
     covariances : (T-W+1, 9, 9) Sigma_w of all windows
+    engine : see `engines.EngineChoice`
     """
-    streams = rng.spawn(len(covariances))
+    streams, which = rng.spawn(len(covariances)), np.array(list(which), dtype=int)
+    likelihoods = [window_likelihood(solution, t, settings.likelihood_factor) for t in which]
+    runs = engines.sample_windows(
+        likelihoods, covariances[which], settings, engine, rngs=[streams[t] for t in which]
+    )
     return [
-        refine_window(solution, int(t), covariances[t], settings, gate, rng=streams[t])
-        for t in which
+        judge(int(t), likelihood, run, gate)
+        for t, likelihood, run in zip(which, likelihoods, runs, strict=True)
     ]
+
+
+def judge(
+    t: int, likelihood: nested.LocalLikelihood, run: nested.NestedRun, gate: Gate
+) -> RefinedWindow:
+    """The gate's decision on the mean of a window's samples (paper eq. "gate")."""
+    mean = run.mean
+    delta_logp = likelihood(mean) - likelihood(np.zeros(likelihood.dimension))
+    accepted = passes_gate(delta_logp, gate.gate_tolerance)
+    return RefinedWindow(t, delta_logp, accepted, likelihood.variables(mean), run)
 
 
 def apply_updates(estimate: gtsam.Values, refined: list[RefinedWindow]) -> gtsam.Values:

@@ -60,6 +60,6 @@ def test_bimodality_of_the_uniform_law():
 
 
 def test_effective_sample_size():
-    assert metrics.effective_sample_size(np.full(7, -1e5)) == pytest.approx(7)
-    assert metrics.effective_sample_size(np.array([0.0, -1e4])) == pytest.approx(1)
-    assert metrics.effective_sample_size(np.log([1.0, 1.0, 2.0])) == pytest.approx(16 / 6)
+    assert metrics.effective_sample_size(np.full(7, 1e-5)) == pytest.approx(7)
+    assert metrics.effective_sample_size(np.array([1.0, 0.0])) == pytest.approx(1)
+    assert metrics.effective_sample_size(np.array([1.0, 1.0, 2.0])) == pytest.approx(16 / 6)

@@ -47,8 +47,8 @@ def test_a_window_does_not_depend_on_the_others_or_on_their_order(noisy):
 
 
 def test_refined_window_is_what_it_says(noisy):
-    result = refine.refine_window(
-        noisy.solution, 12, noisy.covariances[12], FAST, refine.Gate(),
+    (result,) = refine.refine_windows(
+        noisy.solution, [12], noisy.covariances, FAST, refine.Gate(),
         rng=np.random.default_rng(0),
     )  # fmt: skip
     likelihood = refine.window_likelihood(noisy.solution, 12, FAST.likelihood_factor)

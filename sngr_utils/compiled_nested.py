@@ -1,0 +1,151 @@
+"""Nested sampling, compiled: an independent check of dynesty, and the engine of bulk sweeps.
+
+Points are z ~ N(0, I) in R^d, with xi = L z and L L^T = c Sigma_w (paper eq. "prior"). The
+algorithm is Skilling's; new points come from random walks whose steps are differences of two
+live points, as in differential evolution.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from sngr_utils.compiled import Factors, compile_once, energy
+
+HOP = 0.05  # share of steps of a full difference of live points, which can change the mode
+TARGET_ACCEPTANCE = 0.2
+
+
+class Trace(NamedTuple):
+    """All points of a run, in order of falling energy (rising likelihood).
+
+    Attributes
+    ----------
+    samples : (N, d) xi
+    log_likelihoods, log_weights : (N,); the weights of a posterior sample, normalised
+    log_evidence, log_evidence_error : log Z and sqrt(H / n_live), [nats]
+    calls : likelihood calls
+    """
+
+    samples: np.ndarray
+    log_likelihoods: np.ndarray
+    log_weights: np.ndarray
+    log_evidence: float
+    log_evidence_error: float
+    calls: int
+
+
+@compile_once
+def walk(factors, limit, walks, scale, live_z, live_x, z, x, poses, points, rng):
+    """Random walk of `walks` steps under N(0, I) restricted to energy < limit, in place.
+
+    A step is scale * (a - b) with two live points a, b, now and then the whole difference: both
+    are symmetric, so accepting with the ratio of prior densities leaves the prior invariant.
+
+    Returns
+    -------
+    energy at the end (inf if no step was accepted), accepted steps, likelihood calls
+
+    Source: ter Braak, Statistics and Computing 16 (2006) 239 (steps from differences).
+    """
+    d, n = len(z), len(live_z)
+    new_z, new_x = np.empty(d), np.empty(d)
+    norm = np.sum(z * z)
+    at, accepted, calls = math.inf, 0, 0
+    for _ in range(walks):
+        a = int(n * rng.random())
+        b = int((n - 1) * rng.random())
+        b += b >= a
+        factor = 1.0 if rng.random() < HOP else scale
+        new_norm = 0.0
+        for i in range(d):
+            new_z[i] = z[i] + factor * (live_z[a, i] - live_z[b, i])
+            new_norm += new_z[i] * new_z[i]
+        if new_norm > norm and math.log(rng.random()) > 0.5 * (norm - new_norm):
+            continue
+        for i in range(d):
+            new_x[i] = x[i] + factor * (live_x[a, i] - live_x[b, i])
+        calls += 1
+        there = energy(factors, new_x, poses, points, limit)
+        if there < limit:
+            z[:], x[:] = new_z, new_x
+            norm, at = new_norm, there
+            accepted += 1
+    return at, accepted, calls
+
+
+@compile_once
+def _shrink(factors, live_z, live_x, walks, dlogz, rng):
+    """Replace the worst live point until the others can add no more than dlogz; in place.
+
+    Returns
+    -------
+    (D, d) dead points and (D,) their energies, (n_live,) energies of the live points, calls
+    """
+    n_live, d = live_z.shape
+    poses, points = factors.poses.copy(), factors.points.copy()
+    live_e = np.empty(n_live)
+    for n in range(n_live):
+        live_e[n] = energy(factors, live_x[n], poses, points, math.inf)
+    calls, scale, dead = n_live, 0.5, 0
+    out_x, out_e = np.empty((16 * n_live, d)), np.empty(16 * n_live)
+    log_z, z, x = -math.inf, np.empty(d), np.empty(d)
+    first_shell = math.log(-math.expm1(-1 / n_live))
+    while np.logaddexp(0.0, -np.min(live_e) - dead / n_live - log_z) > dlogz:
+        worst = np.argmax(live_e)
+        limit = live_e[worst]
+        if dead == len(out_e):
+            more_x, more_e = np.empty((2 * dead, d)), np.empty(2 * dead)
+            more_x[:dead], more_e[:dead] = out_x, out_e
+            out_x, out_e = more_x, more_e
+        out_x[dead], out_e[dead] = live_x[worst], limit
+        log_z = np.logaddexp(log_z, first_shell - dead / n_live - limit)
+        dead += 1
+        at = math.inf
+        while at == math.inf:
+            start = int((n_live - 1) * rng.random())
+            start += start >= worst
+            z[:], x[:] = live_z[start], live_x[start]
+            at, accepted, called = walk(
+                factors, limit, walks, scale, live_z, live_x, z, x, poses, points, rng
+            )
+            calls += called
+            scale *= math.exp((accepted / walks - TARGET_ACCEPTANCE) / d)
+            scale = min(max(scale, 1e-4), 1.0)
+        live_z[worst], live_x[worst], live_e[worst] = z, x, at
+    return out_x[:dead], out_e[:dead], live_e, calls
+
+
+def sample(
+    factors: Factors,
+    cholesky: np.ndarray,
+    n_live: int,
+    walks: int,
+    dlogz: float,
+    *,
+    rng: np.random.Generator,
+) -> Trace:
+    """Nested sampling of the likelihood in `factors` under the prior N(0, L L^T) on xi.
+
+    Parameters
+    ----------
+    cholesky : (d, d) lower-triangular L
+    n_live, dlogz : as in `nested.SamplerSettings`
+    walks : steps of each random walk
+
+    Source: Skilling, Bayesian Analysis 1 (2006) 833.
+    """
+    live_z = rng.standard_normal((n_live, len(cholesky)))
+    live_x = live_z @ cholesky.T
+    dead_x, dead_e, live_e, calls = _shrink(factors, live_z, live_x, walks, dlogz, rng)
+    order, dead = np.argsort(-live_e), len(dead_e)
+    samples, energies = np.concatenate([dead_x, live_x[order]]), np.append(dead_e, live_e[order])
+    log_shell = np.full(dead + n_live, -dead / n_live - math.log(n_live))
+    log_shell[:dead] = math.log(-math.expm1(-1 / n_live)) - np.arange(dead) / n_live
+    log_likelihoods = -energies
+    log_weights = log_likelihoods + log_shell
+    log_evidence = np.logaddexp.reduce(log_weights)
+    log_weights -= log_evidence
+    information = np.exp(log_weights) @ log_likelihoods - log_evidence
+    error = math.sqrt(max(information, 0.0) / n_live)
+    return Trace(samples, log_likelihoods, log_weights, float(log_evidence), error, calls)

@@ -1,0 +1,161 @@
+"""Four engines for the same window posterior, behind one call.
+
+dynesty is the reference; the others are tested against it, and against GTSAM's factors.
+"""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import joblib
+import numpy as np
+
+from sngr_utils import compiled, compiled_nested, importance
+from sngr_utils.compiled_walk import CompiledWalk
+from sngr_utils.nested import (
+    LocalLikelihood,
+    NestedRun,
+    SamplerSettings,
+    prior_transform,
+    run_nested,
+)
+from sngr_utils.world import Checked
+
+ENOUGH_WALKS = 50  # steps at which the evidence has no bias that we can measure
+AUDIT_ERRORS = 4.0  # standard errors between two evidences that end the trust in the fast path
+
+
+class EngineChoice(Checked):
+    """engine : what draws the samples of a window
+
+    dynesty : dynesty, GTSAM's likelihood; the reference
+    dynesty-compiled : dynesty with its walk compiled
+    nested : compiled nested sampler
+    fast : many-start optimisation and importance sampling; where its own diagnostics or a
+        random audit object, the compiled nested sampler
+    """
+
+    engine: Literal["dynesty", "dynesty-compiled", "nested", "fast"] = "dynesty"
+
+
+def sample_window(
+    likelihood: LocalLikelihood,
+    covariance: np.ndarray,
+    settings: SamplerSettings,
+    engine: str = "dynesty",
+    *,
+    rng: np.random.Generator,
+) -> NestedRun:
+    """Sample the posterior of a few variables under N(MAP, c Sigma) (paper eq. "prior").
+
+    Parameters
+    ----------
+    likelihood : of the d numbers that move
+    covariance : (d, d) Sigma
+    engine : see `EngineChoice`
+
+    Raises
+    ------
+    ValueError : unknown engine, or a factor that has no compiled form
+    numpy.linalg.LinAlgError : covariance not positive definite
+    """
+    EngineChoice(engine=engine)
+    if engine == "dynesty":
+        transform = prior_transform(covariance, settings.prior_scale)
+        return run_nested(likelihood, transform, likelihood.dimension, settings, rng=rng)
+    factors = compiled.flatten(
+        likelihood.factors, likelihood.estimate, likelihood.keys, likelihood.factor
+    )
+    return sample_factors(factors, covariance, settings, engine, rng=rng)
+
+
+def sample_factors(
+    factors: compiled.Factors,
+    covariance: np.ndarray,
+    settings: SamplerSettings,
+    engine: str,
+    *,
+    rng: np.random.Generator,
+) -> NestedRun:
+    """`sample_window` from flattened factors, for the three compiled engines."""
+    cholesky = np.linalg.cholesky(settings.prior_scale * covariance)
+    walks = settings.walks(len(cholesky))
+    if engine == "nested":
+        return _nested(factors, cholesky, settings, walks, rng)
+    if engine == "fast":
+        return _fast(factors, cholesky, settings, rng)
+    return run_nested(
+        lambda xi: compiled.log_likelihood(factors, xi),
+        prior_transform(covariance, settings.prior_scale),
+        len(cholesky),
+        settings,
+        CompiledWalk(factors, cholesky, walks=walks),
+        rng=rng,
+    )
+
+
+def _nested(
+    factors: compiled.Factors,
+    cholesky: np.ndarray,
+    settings: SamplerSettings,
+    walks: int,
+    rng: np.random.Generator,
+    note: str = "",
+) -> NestedRun:
+    trace = compiled_nested.sample(
+        factors, cholesky, settings.n_live, walks, settings.dlogz, rng=rng
+    )
+    return NestedRun(
+        trace.samples, np.exp(trace.log_weights), trace.log_likelihoods, trace.log_evidence,
+        trace.log_evidence_error, trace.calls, note=note,
+    )  # fmt: skip
+
+
+def _fast(
+    factors: compiled.Factors,
+    cholesky: np.ndarray,
+    settings: SamplerSettings,
+    rng: np.random.Generator,
+) -> NestedRun:
+    """The fast path where it may be trusted, else the compiled nested sampler."""
+    fast_settings = importance.FastSettings()
+    draw = importance.sample(factors, cholesky, fast_settings, rng=rng)
+    objections, checked = draw.diagnostics.objections, None
+    walks = max(ENOUGH_WALKS, settings.walks(len(cholesky)))
+    if not objections and rng.random() < fast_settings.audit_share:
+        checked = _nested(factors, cholesky, settings, walks, rng)
+        spread = np.hypot(draw.log_evidence_error, checked.log_evidence_error)
+        if abs(draw.log_evidence - checked.log_evidence) > AUDIT_ERRORS * spread:
+            objections = ["audit"]
+    if objections:
+        note = "nested sampling: the fast path objects to its " + ", ".join(objections)
+        return _nested(factors, cholesky, settings, walks, rng, note)
+    return NestedRun(
+        draw.samples, np.exp(draw.log_weights), draw.log_likelihoods, draw.log_evidence,
+        draw.log_evidence_error, draw.calls + (checked.calls if checked else 0),
+        note="audited" if checked else "",
+    )  # fmt: skip
+
+
+def sample_windows(
+    likelihoods: Sequence[LocalLikelihood],
+    covariances: Sequence[np.ndarray],
+    settings: SamplerSettings,
+    engine: str = "dynesty",
+    jobs: int | None = None,
+    *,
+    rngs: Sequence[np.random.Generator],
+) -> list[NestedRun]:
+    """`sample_window` for many windows, in parallel by joblib.
+
+    Each window has a generator of its own, so results do not depend on the number of workers,
+    on joblib's backend, or on the order.
+
+    Parameters
+    ----------
+    jobs : workers; None leaves it to ``joblib.parallel_config``, which may also name another
+        backend, e.g. dask
+    """
+    return joblib.Parallel(n_jobs=jobs)(
+        joblib.delayed(sample_window)(likelihood, covariance, settings, engine, rng=rng)
+        for likelihood, covariance, rng in zip(likelihoods, covariances, rngs, strict=True)
+    )

@@ -1,0 +1,387 @@
+"""The fast path: find the modes from many starts, then importance sampling from a mixture.
+
+Nearly every window is close to one Gaussian, and then this takes a millisecond. It knows when
+it cannot be trusted: see `Diagnostics`.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from sngr_utils.compiled import Factors, compile_once, energy, residuals
+from sngr_utils.world import Checked
+
+DEGREES = 10.0  # of freedom of the proposal's Student t components
+MAX_MODES = 8
+SAME_MODE = 1.0  # modes nearer than this in their own standard deviations are one
+MAX_K_HAT = 0.7  # Vehtari et al., Pareto smoothed importance sampling, JMLR 25 (2024)
+MIN_ESS_SHARE = 0.1
+
+
+class FastSettings(Checked):
+    """Settings of the fast path.
+
+    n_starts : optimisations, the first at the MAP, the others at draws from the prior
+    n_draws : importance samples
+    audit_share : share of the windows, drawn at random, that nested sampling checks
+    """
+
+    n_starts: Annotated[int, Field(ge=1)] = 32
+    n_draws: Annotated[int, Field(ge=100)] = 600
+    audit_share: Annotated[float, Field(ge=0, le=1)] = 0.02
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """Why the fast path may be trusted, or not.
+
+    Attributes
+    ----------
+    n_modes : modes found
+    converged : share of the starts whose optimisation converged
+    k_hat : shape of the Pareto tail of the weights; blind to a mode that no draw has visited
+    ess_share : effective share of the draws
+    """
+
+    n_modes: int
+    converged: float
+    k_hat: float
+    ess_share: float
+
+    @property
+    def objections(self) -> list[str]:
+        """What speaks against the result; empty if nothing does."""
+        return [
+            text
+            for text, bad in (
+                ("modes", self.n_modes >= MAX_MODES),
+                ("starts", self.converged < 0.9),
+                ("k-hat", not self.k_hat <= MAX_K_HAT),
+                ("ESS", self.ess_share < MIN_ESS_SHARE),
+            )
+            if bad
+        ]
+
+
+@dataclass(frozen=True)
+class Weighted:
+    """Importance samples.
+
+    Attributes
+    ----------
+    samples : (N, d) xi
+    log_likelihoods, log_weights : (N,); the weights normalised
+    log_evidence, log_evidence_error : log Z and its standard error, [nats]
+    calls : likelihood evaluations, those of the optimisation included
+    modes : (m, d) xi of the modes
+    diagnostics : Diagnostics
+    """
+
+    samples: np.ndarray
+    log_likelihoods: np.ndarray
+    log_weights: np.ndarray
+    log_evidence: float
+    log_evidence_error: float
+    calls: int
+    modes: np.ndarray
+    diagnostics: Diagnostics
+
+
+@compile_once
+def _factorise(matrix):
+    """Lower Cholesky factor in place; False if the matrix is not positive definite."""
+    for i in range(len(matrix)):
+        for j in range(i + 1):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= matrix[i, k] * matrix[j, k]
+            if i == j:
+                if total <= 0:
+                    return False
+                matrix[i, i] = math.sqrt(total)
+            else:
+                matrix[i, j] = total / matrix[j, j]
+    return True
+
+
+@compile_once
+def _solve_lower(lower, right):
+    """L^-1 b, in place."""
+    for i in range(len(right)):
+        total = right[i]
+        for k in range(i):
+            total -= lower[i, k] * right[k]
+        right[i] = total / lower[i, i]
+
+
+@compile_once
+def _solve_upper(lower, right):
+    """L^-T b, in place."""
+    for i in range(len(right) - 1, -1, -1):
+        total = right[i]
+        for k in range(i + 1, len(right)):
+            total -= lower[k, i] * right[k]
+        right[i] = total / lower[i, i]
+
+
+@compile_once
+def _objective(factors, cholesky, z, x, poses, points):
+    """1/2 |z|^2 + energy(L z); leaves xi = L z in x."""
+    norm = 0.0
+    for i in range(len(z)):
+        total = 0.0
+        for j in range(i + 1):
+            total += cholesky[i, j] * z[j]
+        x[i] = total
+        norm += z[i] * z[i]
+    return 0.5 * norm + energy(factors, x, poses, points, math.inf)
+
+
+@compile_once
+def _gauss_newton(factors, cholesky, rotated, z, x, work, slope, hessian):
+    """Gradient and lower half of the Gauss-Newton Hessian of the objective at z, xi = x.
+
+    The Jacobian of the residuals is by forward differences: its error moves the proposal, not
+    the result.
+    """
+    poses, points, base, moved, jacobian = work
+    d, n, step = len(z), len(base), 1e-6
+    residuals(factors, x, poses, points, base)
+    for j in range(d):
+        kept = x[j]
+        x[j] = kept + step
+        residuals(factors, x, poses, points, moved)
+        x[j] = kept
+        for r in range(n):
+            jacobian[j, r] = (moved[r] - base[r]) / step
+    for j in range(d):  # columns of J to columns of J L
+        for r in range(n):
+            total = 0.0
+            for i in range(j, d):
+                total += jacobian[i, r] * cholesky[i, j]
+            jacobian[j, r] = total
+    for i in range(d):
+        slope[i] = z[i]
+        for r in range(n):
+            slope[i] += factors.factor * jacobian[i, r] * base[r]
+        for j in range(i + 1):
+            total = 0.0
+            for r in range(n):
+                total += jacobian[i, r] * jacobian[j, r]
+            hessian[i, j] = factors.factor * total
+        hessian[i, i] += 1.0
+    for i in range(len(rotated)):
+        for j in range(d):
+            slope[i] += rotated[i, j] * z[j]
+            if j <= i:
+                hessian[i, j] += rotated[i, j]
+
+
+@compile_once
+def _distance(lower, z, mode, work):
+    """|L^T (z - mode)|^2: squared distance in the mode's own standard deviations."""
+    total = 0.0
+    for j in range(len(z)):
+        work[j] = z[j] - mode[j]
+    for j in range(len(z)):
+        along = 0.0
+        for i in range(j, len(z)):
+            along += lower[i, j] * work[i]
+        total += along * along
+    return total
+
+
+@compile_once
+def find_modes(factors, cholesky, rotated, starts, n_residuals):
+    """Levenberg-Marquardt from every start; the distinct modes it ends in.
+
+    A start that comes within `SAME_MODE` of a known mode is taken to end there.
+
+    Returns
+    -------
+    (m, d) modes in z, (m, d, d) Cholesky factors of their Hessians, (m,) log of their Laplace
+    masses, number of starts that converged, likelihood evaluations
+
+    Source: Levenberg-Marquardt as in Madsen, Nielsen & Tingleff, 2004, section 3.2.
+    """
+    n, d = starts.shape
+    poses, points = factors.poses.copy(), factors.points.copy()
+    base, moved = np.empty(n_residuals), np.empty(n_residuals)
+    jacobian, x, z, trial = np.empty((d, n_residuals)), np.empty(d), np.empty(d), np.empty(d)
+    work = (poses, points, base, moved, jacobian)
+    slope, hessian, damped = np.empty(d), np.zeros((d, d)), np.empty((d, d))
+    modes, lowers, masses = np.empty((MAX_MODES, d)), np.empty((MAX_MODES, d, d)), np.empty(MAX_MODES)
+    found, converged, calls = 0, 0, 0
+    for s in range(n):
+        z[:] = starts[s]
+        value, damping, ended = _objective(factors, cholesky, z, x, poses, points), 1e-3, False
+        for _ in range(60):
+            for m in range(found):
+                ended = ended or _distance(lowers[m], z, modes[m], trial) < SAME_MODE**2
+            if ended:
+                break
+            _gauss_newton(factors, cholesky, rotated, z, x, work, slope, hessian)
+            calls += d + 2
+            gain = math.inf
+            while damping < 1e12:
+                damped[:] = hessian
+                for i in range(d):
+                    damped[i, i] += damping * max(hessian[i, i], 1e-3)
+                if _factorise(damped):
+                    trial[:] = slope
+                    _solve_lower(damped, trial)
+                    gain = 0.0
+                    for i in range(d):
+                        gain += trial[i] * trial[i]
+                    _solve_upper(damped, trial)
+                    for i in range(d):
+                        trial[i] = z[i] - trial[i]
+                    there = _objective(factors, cholesky, trial, x, poses, points)
+                    calls += 1
+                    if there <= value:
+                        break
+                    if gain < 1e-10:
+                        there = value
+                        trial[:] = z
+                        break
+                damping = max(4 * damping, 1e-3)
+            if damping >= 1e12:
+                break
+            z[:], value, damping = trial, there, 0.1 * damping
+            if gain < 1e-4:  # a hundredth of a standard deviation
+                if _factorise(hessian) and found < MAX_MODES:
+                    modes[found], lowers[found], masses[found] = z, hessian, -value
+                    for i in range(d):
+                        masses[found] -= math.log(hessian[i, i])
+                    found += 1
+                    ended = True
+                break
+            _objective(factors, cholesky, z, x, poses, points)
+        converged += ended
+    return modes[:found], lowers[:found], masses[:found], converged, calls
+
+
+@compile_once
+def _weigh(factors, cholesky, modes, lowers, spreads, component, noise):
+    """Place the draws, and weigh each against the whole mixture.
+
+    Parameters
+    ----------
+    spreads : (m, d, d) upper-triangular square roots of the modes' covariances
+    component : (N,) which mode each draw belongs to, ascending
+    noise : (N, d) standard Student t draws
+
+    Returns
+    -------
+    (N, d) xi, (N,) log-likelihoods, (N,) log (prior / proposal)
+    """
+    n, d = noise.shape
+    poses, points = factors.poses.copy(), factors.points.copy()
+    samples, values, ratios = np.empty((n, d)), np.empty(n), np.empty(n)
+    x, z, work, log_norm = np.empty(d), np.empty(d), np.empty(d), np.empty(len(modes))
+    power = 0.5 * (DEGREES + d)
+    constant = math.lgamma(power) - math.lgamma(0.5 * DEGREES) + 0.5 * d * math.log(2 / DEGREES)
+    for m in range(len(modes)):
+        log_norm[m] = constant + math.log(np.sum(component == m) / n)
+        for i in range(d):
+            log_norm[m] += math.log(lowers[m, i, i])
+    for k in range(n):
+        own, norm, near = component[k], 0.0, 0.0
+        for i in range(d):
+            total = modes[own, i]
+            for j in range(i, d):
+                total += spreads[own, i, j] * noise[k, j]
+            z[i] = total
+            norm += total * total
+            near += noise[k, i] * noise[k, i]
+        proposal = math.exp(log_norm[own] - power * math.log1p(near / DEGREES))
+        for m in range(len(modes)):
+            if m != own:
+                far = _distance(lowers[m], z, modes[m], work)
+                proposal += math.exp(log_norm[m] - power * math.log1p(far / DEGREES))
+        for i in range(d):
+            total = 0.0
+            for j in range(i + 1):
+                total += cholesky[i, j] * z[j]
+            x[i] = total
+            samples[k, i] = total
+        values[k] = -energy(factors, x, poses, points, math.inf)
+        ratios[k] = -0.5 * norm - math.log(proposal)
+    return samples, values, ratios
+
+
+def sample(
+    factors: Factors, cholesky: np.ndarray, settings: FastSettings, *, rng: np.random.Generator
+) -> Weighted:
+    """Importance sampling of the likelihood in `factors` under the prior N(0, L L^T) on xi.
+
+    The proposal is a mixture of Student t distributions, one at each mode, in proportion to
+    their Laplace masses; every draw is weighed against the whole mixture.
+
+    Parameters
+    ----------
+    cholesky : (d, d) lower-triangular L
+
+    Raises
+    ------
+    ValueError : no start converged
+
+    Source: Owen & Zhou, JASA 95 (2000) 135 (deterministic mixtures).
+    """
+    d = len(cholesky)
+    starts = rng.standard_normal((settings.n_starts, d))
+    starts[0] = 0
+    has_more = len(factors.quadratic) > 0
+    rotated = cholesky.T @ factors.quadratic @ cholesky if has_more else np.zeros((0, d))
+    modes, lowers, masses, converged, evaluations = find_modes(
+        factors, cholesky, rotated, starts, factors.n_residuals
+    )
+    if len(modes) == 0:
+        raise ValueError("the fast path found no mode: no start converged")
+    shares = np.maximum(np.exp(masses - masses.max()), 0.02)
+    counts = np.maximum(1, np.floor(settings.n_draws * shares / shares.sum())).astype(int)
+    component = np.repeat(np.arange(len(modes)), counts)
+    n = len(component)
+    noise = rng.standard_normal((n, d)) / np.sqrt(rng.chisquare(DEGREES, (n, 1)) / DEGREES)
+    spreads = np.linalg.inv(lowers).transpose(0, 2, 1).copy()
+    x, log_likelihoods, ratios = _weigh(
+        factors, cholesky, modes, lowers, spreads, component, noise
+    )
+    log_weights = log_likelihoods + ratios
+    top = log_weights.max()
+    weights = np.exp(log_weights - top)
+    mean = weights.mean()
+    ess = weights.sum() ** 2 / np.sum(weights**2)
+    diagnostics = Diagnostics(
+        len(modes), converged / settings.n_starts, pareto_k_hat(weights), ess / n
+    )
+    return Weighted(
+        x, log_likelihoods, log_weights - top - math.log(weights.sum()),
+        top + math.log(mean), math.sqrt(weights.var() / n) / mean,
+        evaluations + n, modes @ cholesky.T, diagnostics,
+    )  # fmt: skip
+
+
+def pareto_k_hat(weights: np.ndarray) -> float:
+    """Shape of a generalised Pareto law fitted to the largest of N weights; -inf if all equal.
+
+    Source: Zhang & Stephens, Technometrics 51 (2009) 316; tail length and shrinkage towards
+    one half as in Vehtari et al., JMLR 25 (2024).
+    """
+    n = len(weights)
+    size = int(min(0.2 * n, 3 * math.sqrt(n)))
+    tail = np.sort(np.partition(weights, n - size - 1)[n - size - 1 :])
+    excess = tail[1:] - tail[0]
+    if excess[-1] <= 1e-12 * tail[-1]:
+        return -math.inf
+    n_grid = 30 + int(math.sqrt(size))
+    grid = 1 - np.sqrt(n_grid / (np.arange(n_grid) + 0.5))
+    theta = grid / (3 * excess[(size + 2) // 4 - 1]) + 1 / excess[-1]
+    k = np.log1p(-theta[:, None] * excess).mean(axis=1)
+    log_profile = size * (np.log(-theta / k) - k - 1)
+    posterior = np.exp(log_profile - np.logaddexp.reduce(log_profile))
+    k_hat = np.log1p(-(theta @ posterior) * excess).mean()
+    return float((size * k_hat + 10 * 0.5) / (size + 10))
