@@ -2,8 +2,8 @@
 
 The information matrix of a range-only graph is block tridiagonal in the poses, bordered by the
 landmarks. Eliminating the poses in order leaves the landmarks; going back over the poses gives
-the covariance blocks that the windows need, and nothing else. Time is O(T K^2), memory O(T K),
-where `gtsam.Marginals` solves afresh for every window.
+the covariance blocks that the windows need, and nothing else. Time is O(T K^2), memory O(T K);
+`gtsam.Marginals` is asked window by window.
 
 Covariances follow GTSAM: a pose's tangent [x, y, theta] is in its own body frame.
 """
@@ -110,10 +110,11 @@ def selected_inverse(
     size = landmarks.size
     own, rest = np.zeros((n_poses, 3, 3)), np.zeros((n_poses, 3, 3 + size))
     front, second = np.zeros((3 + size, 3 + size)), np.empty((n_poses - 2, 3, 3))
+    lost = np.zeros_like(front)
     front[3:, 3:] = np.eye(size) / landmark_prior_sigma**2
     add_odometry(poses, x0_mean, x0_sigmas**-2, odometry, odometry_sigmas**-2, own, rest)
-    add_ranges(poses, landmarks, pose_of, label_of, range_sigma**-2, own, rest, front)
-    eliminate(own, rest, front)
+    add_ranges(poses, landmarks, pose_of, label_of, range_sigma**-2, own, rest, front, lost)
+    eliminate(own, rest, front, lost)
     joint = front[3:, 3:].copy()
     invert(joint)
     front[3:, 3:] = joint  # the covariance of the landmarks takes the place of their information

@@ -1,9 +1,9 @@
-"""GTSAM's linearisation of a range-only graph, as the blocks of its information matrix.
+"""GTSAM's linearisation of a range-only graph as blocks of information, and their inversion.
 
-Pose tangents are [x, y, theta] in the pose's own body frame. GTSAM retracts by the exponential
-map and differentiates the logarithm of the residual too, for priors and odometry alike; so the
-Jacobians depend on the measured motion, and not only on the poses. Those of a range do not
-depend on its value.
+All of it compiled; `chain` is the way in. Pose tangents are [x, y, theta] in the pose's own body
+frame. GTSAM retracts by the exponential map and differentiates the logarithm of the residual
+too, for priors and odometry alike; so the Jacobians depend on the measured motion, and not only
+on the poses. Those of a range do not depend on its value.
 """
 
 import math
@@ -40,7 +40,6 @@ def _log_derivative(frame, out):
     """
     x, y, cos, sin = frame
     angle = math.atan2(sin, cos)
-    half_angle = 0.5 * angle
     out[2, 0] = out[2, 1] = 0.0
     out[2, 2] = 1.0
     if abs(angle) < 1e-10:
@@ -57,7 +56,7 @@ def _log_derivative(frame, out):
     inverse = 1.0 / angle
     cotangent = 0.5 * math.sin(angle) / (1.0 - math.cos(angle))
     out[0, 0] = out[1, 1] = angle * cotangent
-    out[0, 1], out[1, 0] = -half_angle, half_angle
+    out[0, 1], out[1, 0] = -0.5 * angle, 0.5 * angle
     out[0, 2] = vx * inverse - vx * cotangent + 0.5 * vy
     out[1, 2] = vy * inverse - 0.5 * vx - vy * cotangent
 
@@ -68,9 +67,8 @@ def _odometry_jacobians(first, second, motion, by_first, by_second):
     step = _relative(first, second)
     _log_derivative(_relative(motion, step), by_second)
     x, y, cos, sin = step
-    # minus the adjoint of the step's inverse
     back_x, back_y = -cos * x - sin * y, sin * x - cos * y
-    for i in range(3):
+    for i in range(3):  # by_first = -by_second times the adjoint of the step's inverse
         a, b, c = by_second[i, 0], by_second[i, 1], by_second[i, 2]
         by_first[i, 0] = -a * cos + b * sin
         by_first[i, 1] = -a * sin - b * cos
@@ -103,67 +101,85 @@ def add_odometry(poses, x0_mean, x0_weights, odometry, odometry_weights, own, re
 
 
 @njit(cache=True)
-def add_ranges(poses, landmarks, pose_of, label_of, weight, own, rest, front):
-    """Add the ranges to landmarks that are present to the information blocks."""
-    row, ahead = np.zeros(4), np.zeros(2)
+def _accumulate(sums, lost, i, j, term):
+    """Add `term` to ``sums[i, j]``, what rounding loses kept in ``lost[i, j]``.
+
+    Source: Kahan, Communications of the ACM 8, 1965.
+    """
+    term -= lost[i, j]
+    total = sums[i, j] + term
+    lost[i, j] = (total - sums[i, j]) - term
+    sums[i, j] = total
+
+
+@njit(cache=True)
+def add_ranges(poses, landmarks, pose_of, label_of, weight, own, rest, front, lost):
+    """Add the ranges to landmarks that are present to the information blocks.
+
+    The thousands of terms of a landmark all but cancel in what fixes the whole map (the prior on
+    pose 0), so `front` is summed with compensation here and in `eliminate`.
+    """
+    row, ahead = np.zeros(2), np.zeros(2)
     for m in range(len(pose_of)):
         t, k = pose_of[m], label_of[m]
-        x, y, cos, sin = _frame(poses[t])
-        dx, dy = landmarks[k, 0] - x, landmarks[k, 1] - y
         if math.isnan(landmarks[k, 0]):
             continue
+        x, y, cos, sin = _frame(poses[t])
+        dx, dy = landmarks[k, 0] - x, landmarks[k, 1] - y
         distance = math.sqrt(dx * dx + dy * dy)
         if distance > SMALL_RANGE:
             ahead[0], ahead[1] = dx / distance, dy / distance
         else:
             ahead[0] = ahead[1] = 1.0
         row[0], row[1] = -cos * ahead[0] - sin * ahead[1], sin * ahead[0] - cos * ahead[1]
-        column = 2 * k
+        column = 3 + 2 * k
         for i in range(2):
             for j in range(2):
                 own[t, i, j] += weight * row[i] * row[j]
-                rest[t, i, 3 + column + j] += weight * row[i] * ahead[j]
-                front[3 + column + i, 3 + column + j] += weight * ahead[i] * ahead[j]
+                rest[t, i, column + j] += weight * row[i] * ahead[j]
+                term = weight * ahead[i] * ahead[j]
+                _accumulate(front, lost, column + i, column + j, term)
 
 
 @njit(cache=True)
 def invert(matrix):
-    """Invert a symmetric positive definite (n, n) matrix in place, by Cholesky."""
+    """Invert a symmetric positive definite (n, n) matrix in place; reads its upper triangle."""
     n = len(matrix)
-    for j in range(n):
+    for j in range(n):  # Cholesky: matrix = U^T U
         for k in range(j):
-            matrix[j, j] -= matrix[j, k] * matrix[j, k]
+            matrix[j, j] -= matrix[k, j] * matrix[k, j]
         if not matrix[j, j] > 0.0:
             raise ValueError("the information matrix is not positive definite: no covariance")
         matrix[j, j] = math.sqrt(matrix[j, j])
         for i in range(j + 1, n):
             for k in range(j):
-                matrix[i, j] -= matrix[i, k] * matrix[j, k]
-            matrix[i, j] /= matrix[j, j]
-    for j in range(n):  # the factor's inverse, in the same lower triangle
+                matrix[j, i] -= matrix[k, i] * matrix[k, j]
+            matrix[j, i] /= matrix[j, j]
+    for j in range(n):  # U^-1, in the same triangle
         matrix[j, j] = 1.0 / matrix[j, j]
         for i in range(j + 1, n):
             total = 0.0
             for k in range(j, i):
-                total += matrix[i, k] * matrix[k, j]
-            matrix[i, j] = -total / matrix[i, i]
+                total += matrix[k, i] * matrix[j, k]
+            matrix[j, i] = -total / matrix[i, i]
     for j in range(n):
         for i in range(j, n):
             total = 0.0
             for k in range(i, n):
-                total += matrix[k, i] * matrix[k, j]
+                total += matrix[i, k] * matrix[j, k]
             matrix[i, j] = matrix[j, i] = total
 
 
 @njit(cache=True)
-def eliminate(own, rest, front):
+def eliminate(own, rest, front, lost):
     """Eliminate the poses in order; leaves their conditionals, and the landmarks' information.
 
     own : (T, 3, 3) information of each pose -> its covariance, given all that come later
     rest : (T, 3, 3+2K) information between pose t and [pose t+1 | landmarks] -> the gain G in
         x_t = -G [x_{t+1} | l] + noise
     front : (3+2K, 3+2K) information of the landmarks in the lower right, else zero -> the same
-        with the poses eliminated
+        with the poses eliminated; upper triangle only
+    lost : the rounding errors of `front`, as `add_ranges` leaves them
     """
     n_poses, _, width = rest.shape
     gain = np.empty((3, width))
@@ -174,7 +190,7 @@ def eliminate(own, rest, front):
                     own[t, i, j] += front[i, j]
                 else:
                     rest[t, i, j] += front[i, j]
-                front[i, j] = 0.0
+                front[i, j] = lost[i, j] = 0.0
         invert(own[t])
         for i in range(3):
             for j in range(width):
@@ -182,9 +198,11 @@ def eliminate(own, rest, front):
                 for k in range(3):
                     gain[i, j] += own[t, i, k] * rest[t, k, j]
         for i in range(width):
-            for j in range(0 if i < 3 else 3, width):
+            for j in range(i, width):
+                term = 0.0
                 for k in range(3):
-                    front[i, j] -= rest[t, k, i] * gain[k, j]
+                    term -= rest[t, k, i] * gain[k, j]
+                _accumulate(front, lost, i, j, term)
         for i in range(3):
             for j in range(width):
                 rest[t, i, j] = gain[i, j]

@@ -182,6 +182,18 @@ def test_window_covariances_are_those_of_the_slow_way(noisy):
     assert relative(got, noisy.covariances) < TOLERANCE
 
 
+@pytest.mark.parametrize("preset", ["A", "B", "C"])
+def test_isam2_has_the_covariances_of_its_own_linearisation_points(noisy, preset):
+    """What ISAM2 answers differs from `graph.marginals` by old linearisation points only."""
+    settings = graph.PRESETS[preset]
+    solution = graph.run_isam2(noisy.world, settings)
+    keys = [windows.window_keys(t) for t in range(28)]
+    answered = np.array([graph.joint_covariance(solution.isam, key) for key in keys])
+    old = dataclasses.replace(solution, estimate=solution.isam.getLinearizationPoint())
+    assert relative(chain.window_covariances(old, noisy.world, settings), answered) < TOLERANCE
+    assert relative(chain.window_covariances(solution, noisy.world, settings), answered) > 1e-3
+
+
 def test_what_does_not_fit_is_refused(noisy):
     drawn, settings = noisy.world, graph.PRESETS["B"]
     good = {
