@@ -85,12 +85,19 @@ def test_equals_gtsam_far_from_any_estimate(preset, seed):
 
 @pytest.mark.parametrize("spread", [0.0, 1e-12, 1e-8, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2])
 def test_equals_gtsam_where_its_logarithm_cancels(spread):
-    """Residual headings of every size about zero, so on both sides of GTSAM's branches."""
+    """Residual headings of every size about zero, so on both sides of GTSAM's branches.
+
+    Between 1e-5 and 1e-3 the last place of a heading moves GTSAM's answer by up to 1e-7, so less
+    cannot be asked; a derivative without the cancellation would be off by 1e-5 there.
+    """
     rng, drawn = np.random.default_rng(7), simulated(20, 3, 0.0, 3)
     poses = world.dead_reckoning(drawn.poses[0], drawn.odometry)
     poses += rng.normal(size=poses.shape) * [0.05, 0.05, spread]
     solution = solution_at(drawn, graph.PRESETS["A"], poses, drawn.landmarks)
-    assert_equals_gtsam(solution, drawn, graph.PRESETS["A"])
+    got = chain.window_covariances(solution, drawn, graph.PRESETS["A"])
+    assert relative(got, windows.covariances(solution)) < (
+        1e-6 if 1e-6 < spread < 1e-2 else TOLERANCE
+    )
 
 
 def test_equals_gtsam_across_the_cut_of_the_angle():
