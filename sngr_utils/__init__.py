@@ -10,6 +10,8 @@ what stands above it in this list:
 `metrics`         RMSE, NEES, precision and recall, bimodality coefficient
 `graph`           GTSAM factors, the iSAM2 run, joint marginals
 `windows`         three-pose windows: score, failure, closure, factors
+`information`     GTSAM's linearisation as blocks of the information matrix, compiled
+`chain`           all window marginals at once, by a selected inverse
 `nested`          likelihood, prior transform, dynesty run and its summary
 `refine`          the paper's algorithm and its trigger-only baseline
 `plots`           ``draw_*(ax, data)``

@@ -1,0 +1,181 @@
+"""All window marginals at once: a selected inverse of the chain of poses and its landmarks.
+
+The information matrix of a range-only graph is block tridiagonal in the poses, bordered by the
+landmarks. Eliminating the poses in order leaves the landmarks; going back over the poses gives
+the covariance blocks that the windows need, and nothing else. Time is O(T K^2), memory O(T K);
+`gtsam.Marginals` is asked window by window.
+
+Covariances follow GTSAM: a pose's tangent [x, y, theta] is in its own body frame.
+"""
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from sngr_utils.graph import Conventions, Solution
+from sngr_utils.information import add_odometry, add_ranges, eliminate, invert, substitute
+from sngr_utils.world import World
+
+
+@dataclass(frozen=True)
+class ChainCovariance:
+    """Blocks of the covariance of a chain of T poses and K landmarks; NaN if a landmark is absent.
+
+    Attributes
+    ----------
+    poses : (T, 3, 3) marginal of each pose, [m, m, rad] in its body frame
+    first : (T-1, 3, 3) cross covariance of poses t (rows) and t+1
+    second : (T-2, 3, 3) cross covariance of poses t (rows) and t+2
+    pose_landmark : (T, 3, 2K) cross covariance of pose t (rows) and all landmarks, [m]
+    landmarks : (2K, 2K) joint marginal of the landmarks, [m^2]
+    """
+
+    poses: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+    pose_landmark: np.ndarray
+    landmarks: np.ndarray
+
+    @property
+    def windows(self) -> np.ndarray:
+        """(T-2, 9, 9) joint marginal Sigma_w of every window, [m, m, rad] per pose."""
+        joint = np.empty((len(self.second), 9, 9))
+        for i, start in enumerate((0, 3, 6)):
+            stop = start + 3
+            joint[:, start:stop, start:stop] = self.poses[i : len(self.poses) - 2 + i]
+        for block, row, column in (
+            (self.first[:-1], 0, 3), (self.first[1:], 3, 6), (self.second, 0, 6),
+        ):  # fmt: skip
+            joint[:, row : row + 3, column : column + 3] = block
+            joint[:, column : column + 3, row : row + 3] = block.transpose(0, 2, 1)
+        return joint
+
+
+def selected_inverse(
+    poses: np.ndarray,
+    landmarks: np.ndarray,
+    odometry: np.ndarray,
+    pose_of: np.ndarray,
+    label_of: np.ndarray,
+    *,
+    x0_mean: np.ndarray,
+    x0_sigmas: np.ndarray,
+    odometry_sigmas: np.ndarray,
+    landmark_prior_sigma: float,
+    range_sigma: float,
+) -> ChainCovariance:
+    """Covariance blocks of a chain of poses and its landmarks, linearised at the poses given.
+
+    Parameters
+    ----------
+    poses : (T, 3) linearisation point, T >= 3, [m, m, rad]
+    landmarks : (K, 2), [m]; a NaN row is a landmark absent from the graph, with all its ranges
+    odometry : (T-1, 3) measured motion in the body frame of t, [m, m, rad]
+    pose_of, label_of : (M,) int, pose and landmark that each range joins
+    x0_mean : (3,) mean of the prior on pose 0, [m, m, rad]
+    x0_sigmas, odometry_sigmas : (3,) per component, [m, m, rad]
+    landmark_prior_sigma, range_sigma : [m]
+
+    Raises
+    ------
+    ValueError : shapes or indices that do not fit each other, a sigma that is not positive, or
+        a linearisation point that is not finite
+
+    Source: the two passes are those of Rauch, Tung, Striebel, AIAA Journal 3, 1965, for a state
+    with constant parameters; selected inversion in general: Takahashi, Fagan, Chen, 1973.
+    """
+    poses, landmarks, odometry, x0_mean, x0_sigmas, odometry_sigmas = (
+        np.array(a, dtype=float, order="C")  # a copy: one layout, so numba compiles once
+        for a in (poses, landmarks, odometry, x0_mean, x0_sigmas, odometry_sigmas)
+    )
+    pose_of, label_of = (np.array(a, dtype=np.int64, order="C") for a in (pose_of, label_of))
+    n_poses, n_landmarks = len(poses), len(landmarks)
+    _check_shapes({
+        "poses": (poses, (max(n_poses, 3), 3)),
+        "landmarks": (landmarks, (n_landmarks, 2)),
+        "odometry": (odometry, (n_poses - 1, 3)),
+        "label_of": (label_of, pose_of.shape),
+        "x0_mean": (x0_mean, (3,)),
+        "x0_sigmas": (x0_sigmas, (3,)),
+        "odometry_sigmas": (odometry_sigmas, (3,)),
+    })
+    sigmas = [*x0_sigmas, *odometry_sigmas, landmark_prior_sigma, range_sigma]
+    _check_values(
+        poses,
+        odometry,
+        {"pose_of": (pose_of, n_poses), "label_of": (label_of, n_landmarks)},
+        sigmas,
+    )
+    size = landmarks.size
+    own, rest = np.zeros((n_poses, 3, 3)), np.zeros((n_poses, 3, 3 + size))
+    front, second = np.zeros((3 + size, 3 + size)), np.empty((n_poses - 2, 3, 3))
+    lost = np.zeros_like(front)
+    front[3:, 3:] = np.eye(size) / landmark_prior_sigma**2
+    add_odometry(poses, x0_mean, x0_sigmas**-2, odometry, odometry_sigmas**-2, own, rest)
+    add_ranges(poses, landmarks, pose_of, label_of, range_sigma**-2, own, rest, front, lost)
+    eliminate(own, rest, front, lost)
+    joint = front[3:, 3:].copy()
+    invert(joint)
+    front[3:, 3:] = joint  # the covariance of the landmarks takes the place of their information
+    substitute(own, rest, front, second)
+    absent = np.repeat(np.isnan(landmarks[:, 0]), 2)
+    rest[:, :, 3:][:, :, absent] = np.nan
+    joint[absent], joint[:, absent] = np.nan, np.nan
+    return ChainCovariance(own, rest[:-1, :, :3], second, rest[:, :, 3:], joint)
+
+
+def _check_shapes(arrays: dict[str, tuple[np.ndarray, tuple[int, ...]]]) -> None:
+    """Refuse arrays that the compiled code would read out of bounds."""
+    for name, (array, shape) in arrays.items():
+        if array.shape != shape:
+            raise ValueError(f"{name} has shape {array.shape}: it must be {shape}")
+
+
+def _check_values(poses, odometry, indices, sigmas) -> None:
+    """Refuse indices out of bounds, and what makes a covariance NaN."""
+    for name, (index, count) in indices.items():
+        if len(index) and not (index.min() >= 0 and index.max() < count):
+            raise ValueError(f"{name} holds an index outside 0 ... {count - 1}")
+    if not all(0 < sigma < np.inf for sigma in sigmas):
+        raise ValueError(f"sigmas are {sigmas}: each must be positive and finite")
+    if not (np.isfinite(poses).all() and np.isfinite(odometry).all()):
+        raise ValueError("poses and odometry must be finite")
+
+
+def covariance(solution: Solution, world: World, conventions: Conventions) -> ChainCovariance:
+    """Covariance blocks of a solution, linearised at its estimate as `graph.marginals` is.
+
+    Parameters
+    ----------
+    world, conventions : what `solution` was computed from
+
+    Raises
+    ------
+    ValueError : `solution` is not of this world (its factors are not as many)
+    """
+    landmarks = solution.landmarks
+    present = np.isfinite(landmarks[:, 0])
+    n_factors = world.n_poses + present.sum() + present[world.label_of].sum()
+    if solution.graph.size() != n_factors:
+        raise ValueError(
+            f"solution has {solution.graph.size()} factors: this world makes {n_factors}"
+        )
+    s = world.scenario
+    return selected_inverse(
+        gtsam.utilities.extractPose2(solution.estimate),  # rows in the order of the keys
+        landmarks,
+        world.odometry,
+        world.pose_of,
+        world.label_of,
+        x0_mean=world.poses[0],
+        x0_sigmas=conventions.x0_sigmas,
+        odometry_sigmas=[s.odometry_sigma_xy, s.odometry_sigma_xy, s.odometry_sigma_theta],
+        landmark_prior_sigma=conventions.landmark_prior_sigma,
+        range_sigma=s.range_sigma,
+    )
+
+
+def window_covariances(solution: Solution, world: World, conventions: Conventions) -> np.ndarray:
+    """(T-2, 9, 9) joint marginals of all windows: `windows.covariances`, in linear time."""
+    return covariance(solution, world, conventions).windows
