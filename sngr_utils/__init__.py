@@ -12,6 +12,8 @@ what stands above it in this list:
 `windows`         three-pose windows: score, failure, closure, factors
 `nested`          likelihood, prior transform, dynesty run and its summary
 `refine`          the paper's algorithm and its trigger-only baseline
+`sweeps`          many worlds: tidy tables, means with errors, paired differences, NEES variants
+`robust`          batch estimates under robust losses, GNC, and with the true associations
 `plots`           ``draw_*(ax, data)``
 `report`          results -> JSON -> LaTeX values and tables
 `bimodal` ...     one driver per notebook: `bimodal`, `trigger_sweep`, `full_sngr`, `cost`

@@ -16,6 +16,7 @@ MODULES = sorted(paths.PACKAGE.glob("*.py"))
 # The order in which the package's docstring lists the modules; each imports only from above.
 ORDER = [
     "paths", "style", "world", "metrics", "graph", "windows", "nested", "refine", "baseline",
+    "sweeps", "robust",
     "plots", "report", "bimodal", "trigger_sweep", "full_sngr", "cost",
     "parameters", "run", "verify",
 ]  # fmt: skip
