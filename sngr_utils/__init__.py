@@ -13,9 +13,18 @@ what stands above it in this list:
 `information`     GTSAM's linearisation as blocks of the information matrix, compiled
 `chain`           all window marginals at once, by a selected inverse
 `nested`          likelihood, prior transform, dynesty run and its summary
+`compiled`        the same likelihood without GTSAM, compiled
+`compiled_nested` a compiled nested sampler
+`compiled_walk`   dynesty with its random walk compiled
+`importance`      the fast path: many-start optimisation and importance sampling
+`engines`         the four ways to sample a window, behind one call
 `refine`          the paper's algorithm and its trigger-only baseline
+`baseline`        one world, one iSAM2 run, what the trigger makes of it
+`sweeps`          many worlds: tidy tables, means with errors, paired differences, NEES variants
+`robust`          batch estimates under robust losses, GNC, and with the true associations
 `plots`           ``draw_*(ax, data)``
 `report`          results -> JSON -> LaTeX values and tables
+`bench`           the engines side by side, and the growth with the length of the trajectory
 `bimodal` ...     one driver per notebook: `bimodal`, `trigger_sweep`, `full_sngr`, `cost`
 `parameters`      reads ``params/*.yaml`` and checks every value
 `run`             runs the notebooks headless (used by the Makefile)

@@ -1,8 +1,10 @@
 """What is measured about an estimate. Pure functions of arrays."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from sklearn import metrics as sklearn_metrics
 
 
 def rmse(estimate: np.ndarray, truth: np.ndarray) -> float:
@@ -65,6 +67,21 @@ class Detection:
         return self.true_positives / self.failed if self.failed else float("nan")
 
     @property
+    def matthews(self) -> float:
+        """Matthews correlation coefficient, in [-1, 1]; 0 for firing at random.
+
+        The correlation of the two indicators "fired" and "failed"; unlike precision it does
+        not grow with the base rate. NaN if one of them is constant.
+
+        Source: Matthews, Biochimica et Biophysica Acta 405, 1975.
+        """
+        silent, sound = self.total - self.triggered, self.total - self.failed
+        product = self.triggered * self.failed * silent * sound
+        agreement = self.true_positives * self.true_negatives
+        disagreement = self.false_positives * self.false_negatives
+        return (agreement - disagreement) / math.sqrt(product) if product else float("nan")
+
+    @property
     def base_rate(self) -> float:
         """Share of all cases that are true: the precision of firing at random among them."""
         return self.failed / self.total if self.total else float("nan")
@@ -75,6 +92,105 @@ def detection(fired: np.ndarray, failed: np.ndarray) -> Detection:
     fired, failed = np.asarray(fired, dtype=bool), np.asarray(failed, dtype=bool)
     counts = [fired & failed, fired & ~failed, ~fired & failed, ~fired & ~failed]
     return Detection(*(int(np.count_nonzero(c)) for c in counts))
+
+
+def roc_auc(scores: np.ndarray, truth: np.ndarray) -> float:
+    """Area under the ROC curve: the chance that a true case scores above a false one.
+
+    One half for scores that know nothing, whatever the base rate. NaN if a class is empty.
+
+    Parameters
+    ----------
+    scores : (N,) higher means more likely true
+    truth : (N,) bool
+    """
+    return float(sklearn_metrics.roc_auc_score(truth, scores)) if _mixed(truth) else float("nan")
+
+
+def average_precision(scores: np.ndarray, truth: np.ndarray) -> float:
+    """Area under the precision-recall curve, as a step function; NaN if a class is empty.
+
+    Scores that know nothing have the base rate: to be read beside it. Arguments as `roc_auc`.
+    """
+    if not _mixed(truth):
+        return float("nan")
+    return float(sklearn_metrics.average_precision_score(truth, scores))
+
+
+def roc_curve(scores: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """False and true positive rates, each (P,), as the threshold falls. Arguments as `roc_auc`.
+
+    Raises
+    ------
+    ValueError : a class is empty
+    """
+    _require_mixed(truth)
+    false_rate, true_rate, _ = sklearn_metrics.roc_curve(truth, scores)
+    return false_rate, true_rate
+
+
+def precision_recall_curve(scores: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Recall and precision, each (P,), as the threshold rises. Arguments as `roc_auc`.
+
+    Raises
+    ------
+    ValueError : a class is empty
+    """
+    _require_mixed(truth)
+    precision, recall, _ = sklearn_metrics.precision_recall_curve(truth, scores)
+    return recall, precision
+
+
+def roc_auc_interval(
+    scores: np.ndarray,
+    truth: np.ndarray,
+    worlds: np.ndarray,
+    *,
+    rng: np.random.Generator,
+    level: float = 0.95,
+    n_resamples: int = 2000,
+) -> tuple[float, float]:
+    """Percentile bootstrap interval of a pooled AUC, drawing whole worlds.
+
+    Windows of one world share its landmarks and its wrong associations, so they are no
+    independent cases: drawing single windows would give too short an interval. The AUC of a
+    resample needs only how often each world was drawn, m: it is m' W m / (m' P * m' Q), W the
+    won pairs between the true cases of one world and the false cases of another, P and Q the
+    numbers of true and false cases. Resamples with an empty class are left out.
+
+    Parameters
+    ----------
+    scores, truth : as `roc_auc`
+    worlds : (N,) which world each case is of, e.g. its seed
+
+    Returns
+    -------
+    lower and upper end; NaN, NaN if a class is empty
+
+    Source: Field & Welsh, Bootstrapping clustered data, JRSS B 69, 2007.
+    """
+    if not _mixed(truth):
+        return float("nan"), float("nan")
+    scores, truth = np.asarray(scores, dtype=float), np.asarray(truth, dtype=bool)
+    names, index = np.unique(worlds, return_inverse=True)
+    member = (index[:, None] == np.arange(len(names))).astype(float)
+    gap = scores[truth][:, None] - scores[~truth]
+    won = member[truth].T @ ((gap > 0) + 0.5 * (gap == 0)) @ member[~truth]
+    drawn = rng.multinomial(len(names), np.full(len(names), 1 / len(names)), size=n_resamples)
+    pairs = (drawn @ member[truth].sum(axis=0)) * (drawn @ member[~truth].sum(axis=0))
+    areas = np.sum(drawn @ won * drawn, axis=1)[pairs > 0] / pairs[pairs > 0]
+    low, high = np.quantile(areas, [(1 - level) / 2, (1 + level) / 2])
+    return float(low), float(high)
+
+
+def _mixed(truth: np.ndarray) -> bool:
+    """Are there both true and false cases?"""
+    return len(np.unique(np.asarray(truth, dtype=bool))) == 2
+
+
+def _require_mixed(truth: np.ndarray) -> None:
+    if not _mixed(truth):
+        raise ValueError("truth holds one class only: a curve needs true and false cases")
 
 
 def bimodality_coefficient(samples: np.ndarray, weights: np.ndarray) -> float:

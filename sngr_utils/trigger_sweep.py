@@ -233,5 +233,4 @@ def pooled_scores(sweep: Sweep, p: float) -> np.ndarray:
 
 def score_in_units(covariance: np.ndarray, per_metre: float) -> float:
     """Score of a (9, 9) covariance with positions in another unit, `per_metre` to the metre."""
-    scale = np.tile([per_metre, per_metre, 1.0], windows.WIDTH)
-    return windows.score(covariance * np.outer(scale, scale))
+    return windows.score(windows.in_units(covariance, per_metre))

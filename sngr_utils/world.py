@@ -114,6 +114,23 @@ def dead_reckoning(start: np.ndarray, odometry: np.ndarray) -> np.ndarray:
     return poses
 
 
+def dead_reckoning_variances(poses: np.ndarray, scenario: Scenario) -> np.ndarray:
+    """(T,) variance of each dead-reckoned position about the first pose, [m^2], mean of x and y.
+
+    To first order: every step adds its own variance, and its heading error turns all that
+    follows about its end. What is turned moves across the line between the two places, so half
+    of that goes to each axis on average.
+
+    Parameters
+    ----------
+    poses : (T, 3), [m, m, rad]
+    """
+    offsets = np.linalg.norm(poses[:, None, :2] - poses[None, 1:, :2], axis=2)
+    earlier = np.arange(len(poses))[:, None] >= np.arange(1, len(poses))
+    turned = 0.5 * scenario.odometry_sigma_theta**2 * np.sum(offsets**2 * earlier, axis=1)
+    return np.arange(len(poses)) * scenario.odometry_sigma_xy**2 + turned
+
+
 def wrong_associations(
     true_labels: np.ndarray, n_landmarks: int, p: float, *, rng: np.random.Generator
 ) -> np.ndarray:

@@ -133,3 +133,13 @@ def test_conventions():
         graph.conventions("A", {"relinearize_skop": 3})
     with pytest.raises(ValueError, match="landmark_prior_sigma"):
         graph.conventions("A", {"landmark_prior_sigma": -1.0})
+
+
+def test_a_shifted_x0_mean_shifts_everything(clean):
+    """Nothing but the x0 prior knows where the frame is."""
+    mean, shift = clean.world.poses[0], np.array([1.0, -2.0, 0.0])
+    unchanged = graph.run_isam2(clean.world, graph.PRESETS["B"], mean)
+    assert np.array_equal(unchanged.poses, clean.solution.poses)
+    moved = graph.run_isam2(clean.world, graph.PRESETS["B"], mean + shift)
+    assert np.allclose(moved.poses, clean.solution.poses + shift, atol=1e-6)
+    assert np.allclose(moved.landmarks, clean.solution.landmarks + shift[:2], atol=1e-6)

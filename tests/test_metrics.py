@@ -63,3 +63,76 @@ def test_effective_sample_size():
     assert metrics.effective_sample_size(np.full(7, 1e-5)) == pytest.approx(7)
     assert metrics.effective_sample_size(np.array([1.0, 0.0])) == pytest.approx(1)
     assert metrics.effective_sample_size(np.array([1.0, 1.0, 2.0])) == pytest.approx(16 / 6)
+
+
+def test_matthews_is_the_correlation_of_the_indicators():
+    rng = np.random.default_rng(0)
+    fired, failed = rng.random((2, 50)) < [[0.3], [0.8]]
+    found = metrics.detection(fired, failed)
+    assert found.matthews == pytest.approx(np.corrcoef(fired, failed)[0, 1])
+    assert metrics.detection(failed, failed).matthews == pytest.approx(1)
+    assert metrics.detection(~failed, failed).matthews == pytest.approx(-1)
+    assert np.isnan(metrics.detection(np.zeros(50), failed).matthews)
+    assert np.isnan(metrics.detection(fired, np.ones(50)).matthews)
+
+
+def test_roc_auc_counts_won_pairs_and_halves_ties():
+    rng = np.random.default_rng(1)
+    scores, truth = rng.integers(0, 6, size=40).astype(float), rng.random(40) < 0.4
+    pairs = [np.sign(a - b) / 2 + 0.5 for a in scores[truth] for b in scores[~truth]]
+    assert metrics.roc_auc(scores, truth) == pytest.approx(np.mean(pairs))
+    false_rate, true_rate = metrics.roc_curve(scores, truth)
+    assert np.trapezoid(true_rate, false_rate) == pytest.approx(np.mean(pairs))
+
+
+def test_average_precision_closed_form():
+    scores, truth = np.array([4.0, 3.0, 2.0, 1.0]), np.array([True, False, True, False])
+    assert metrics.average_precision(scores, truth) == pytest.approx(0.5 * 1 + 0.5 * 2 / 3)
+    recall, precision = metrics.precision_recall_curve(scores, truth)
+    assert recall.tolist() == [1, 1, 0.5, 0.5, 0]
+    assert precision == pytest.approx([0.5, 2 / 3, 0.5, 1, 1])
+
+
+@pytest.mark.parametrize("truth", [np.ones(3, dtype=bool), np.zeros(3, dtype=bool)])
+def test_an_empty_class_has_no_curve(truth):
+    assert np.isnan(metrics.roc_auc(np.arange(3.0), truth))
+    assert np.isnan(metrics.average_precision(np.arange(3.0), truth))
+    ends = metrics.roc_auc_interval(np.arange(3.0), truth, [0, 1, 2], rng=np.random.default_rng(0))
+    assert np.isnan(ends).all()
+    for curve in (metrics.roc_curve, metrics.precision_recall_curve):
+        with pytest.raises(ValueError, match="one class only"):
+            curve(np.arange(3.0), truth)
+
+
+def clustered(n_worlds=12, n_windows=9):
+    rng = np.random.default_rng(2)
+    worlds = np.repeat(np.arange(n_worlds), n_windows)
+    truth = rng.random(len(worlds)) < rng.random(n_worlds)[worlds]
+    scores = np.round(truth + rng.normal(size=n_worlds)[worlds] + rng.normal(size=len(worlds)), 1)
+    return scores, truth, worlds
+
+
+def test_auc_interval_is_that_of_pooled_resamples():
+    """The same draws of worlds, their windows laid end to end and handed to scikit-learn."""
+    scores, truth, worlds = clustered()
+    drawn = np.random.default_rng(3).multinomial(12, np.full(12, 1 / 12), size=200)
+    areas = []
+    for counts in drawn:
+        chosen = np.concatenate([np.flatnonzero(worlds == w) for w in np.repeat(range(12), counts)])
+        areas.append(metrics.roc_auc(scores[chosen], truth[chosen]))
+    ends = metrics.roc_auc_interval(
+        scores, truth, worlds, rng=np.random.default_rng(3), n_resamples=200
+    )
+    assert ends == pytest.approx(np.quantile(areas, [0.025, 0.975]))
+
+
+def test_auc_interval_is_not_shortened_by_windows_that_say_the_same():
+    scores, truth, worlds = clustered()
+    copies = [np.tile(values, 5) for values in (scores, truth, worlds)]
+    once = metrics.roc_auc_interval(scores, truth, worlds, rng=np.random.default_rng(4))
+    again = metrics.roc_auc_interval(*copies, rng=np.random.default_rng(4))
+    assert again == pytest.approx(once)
+    blind = metrics.roc_auc_interval(
+        copies[0], copies[1], np.arange(len(copies[0])), rng=np.random.default_rng(4)
+    )
+    assert once[1] - once[0] > 2 * (blind[1] - blind[0])

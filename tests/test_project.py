@@ -16,7 +16,9 @@ MODULES = sorted(paths.PACKAGE.glob("*.py"))
 # The order in which the package's docstring lists the modules; each imports only from above.
 ORDER = [
     "paths", "style", "world", "metrics", "graph", "windows", "information", "chain", "nested",
-    "refine", "baseline", "plots", "report", "bimodal", "trigger_sweep", "full_sngr", "cost",
+    "compiled", "compiled_nested", "compiled_walk", "importance", "engines", "refine",
+    "baseline", "sweeps", "robust", "plots", "report", "bench",
+    "bimodal", "trigger_sweep", "full_sngr", "cost",
     "parameters", "run", "verify",
 ]  # fmt: skip
 DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost"}

@@ -55,3 +55,37 @@ def test_closure_is_the_connected_component(clean):
     graph.push_back(gtsam.RangeFactor2D(X(2), L(1), 1.0, noise))
     assert windows.closure(graph, [X(0)]) == {X(0), X(1), L(0)}
     assert windows.closure(graph, [X(9)]) == {X(9)}
+
+
+def test_log_extremes_differ_by_the_score(noisy):
+    smallest, largest = windows.log_extremes(noisy.covariances).T
+    assert np.allclose(largest - smallest, noisy.scores)
+
+
+def test_score_hangs_on_the_unit_of_length(noisy):
+    """lambda_min is a heading's and stays; lambda_max is nearly a position's: 100^2 times."""
+    assert np.array_equal(windows.in_units(noisy.covariances, 1.0), noisy.covariances)
+    metres = windows.log_extremes(noisy.covariances)
+    centimetres = windows.log_extremes(windows.in_units(noisy.covariances, 100.0))
+    assert np.allclose(centimetres[:, 1] - metres[:, 1], 4, atol=0.02)
+    assert np.allclose(centimetres[:, 0], metres[:, 0], atol=0.05)
+    assert np.ptp(metres[:, 0]) < 0.02
+
+
+def test_position_sigma_of_poses_that_move_together():
+    sigma, heading = 0.3, 1e-3
+    together = np.kron(np.ones((3, 3)), np.diag([sigma**2, 0.1 * sigma**2, 0]))
+    covariance = together + np.diag(np.tile([0, 0, heading**2], 3))
+    covariance += np.diag(np.tile([1e-5, 1e-5, 0], 3))
+    tau, smallest = windows.score(covariance), windows.log_extremes(covariance)[0]
+    assert windows.position_sigma(tau, smallest) == pytest.approx(sigma, rel=1e-3)
+
+
+def test_position_sigma_says_what_a_score_means(clean):
+    """The largest position sigma of a window's poses, read from its score alone, to 5 %."""
+    smallest = windows.log_extremes(clean.covariances)[:, 0]
+    for i, covariance in enumerate(clean.covariances):
+        blocks = [covariance[j : j + 2, j : j + 2] for j in (0, 3, 6)]
+        largest = np.sqrt(np.mean([np.linalg.eigvalsh(block)[-1] for block in blocks]))
+        told = windows.position_sigma(clean.scores[i], smallest[i])
+        assert told == pytest.approx(largest, rel=0.05)

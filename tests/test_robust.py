@@ -1,0 +1,179 @@
+from dataclasses import replace
+
+import joblib
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from sngr_utils import graph, metrics, robust, world
+
+C = graph.PRESETS["C"]
+TRUNCATION = np.sqrt(stats.chi2.ppf(0.99, 1))
+
+
+def make(p, seed=100):
+    return world.simulate(world.Scenario(), p, rng=np.random.default_rng(seed))
+
+
+def distance(first, second):
+    return np.abs(np.asarray(first)[:, :2] - np.asarray(second)[:, :2]).max()
+
+
+# d rho / d r of a whitened residual, from the cited papers
+INFLUENCE = {
+    "least_squares": lambda r: r,
+    "huber": lambda r: np.clip(r, -1.345, 1.345),
+    "cauchy": lambda r: r / (1 + (r / 2.3849) ** 2),
+    "dcs": lambda r: np.minimum(1, 2 / (1 + r**2)) ** 2 * r,
+    "geman_mcclure": lambda r: r / (1 + r**2) ** 2,
+    "gnc_tls": lambda r: r * (np.abs(r) < TRUNCATION),
+}
+
+
+@pytest.mark.parametrize("method", INFLUENCE)
+def test_estimate_is_stationary_under_its_own_loss(method):
+    """The influences of a landmark's ranges and of its weak prior cancel, in NumPy."""
+    drawn = make(0.3)
+    poses, landmarks = robust.estimate(drawn, C, method, "grid")
+    blind = world.dead_reckoning(drawn.poses[0], drawn.odometry)
+    starts = robust.start_landmarks(drawn, blind, "grid")
+    offsets = landmarks[drawn.label_of] - poses[drawn.pose_of, :2]
+    lengths = np.linalg.norm(offsets, axis=1)
+    pull = INFLUENCE[method]((lengths - drawn.ranges) / 0.1) / 0.1
+    for k in range(drawn.n_landmarks):
+        mine = drawn.label_of == k
+        forces = pull[mine, None] * offsets[mine] / lengths[mine, None]
+        total = forces.sum(axis=0) + (landmarks[k] - starts[k]) / C.landmark_prior_sigma**2
+        assert np.abs(total).max() < 0.01 * np.abs(forces).sum()
+
+
+@pytest.mark.parametrize("start", robust.STARTS)
+def test_oracle_is_least_squares_without_wrong_associations(start):
+    expected = robust.estimate(make(0.0), C, "least_squares", start)
+    for p in (0.0, 0.4):
+        for ours, theirs in zip(
+            robust.estimate(make(p), C, "oracle", start), expected, strict=True
+        ):
+            assert np.array_equal(ours, theirs)
+
+
+def test_least_squares_is_the_optimum_that_isam2_approaches(clean):
+    """Clean data: where iSAM2 starts its landmarks moves the optimum by the weak prior only."""
+    poses, landmarks = robust.estimate(clean.world, C, "least_squares", "first_poses")
+    isam2 = graph.run_isam2(clean.world, C)
+    assert distance(poses, isam2.poses) < 0.02
+    assert distance(landmarks, isam2.landmarks) < 0.02
+
+
+@pytest.mark.parametrize("method", ["huber", "cauchy", "dcs", "geman_mcclure", "gnc_tls"])
+def test_without_outliers_robust_is_close_to_least_squares(method):
+    """Closer to least squares than that is to the truth, on average over four worlds."""
+    gaps, errors = [], []
+    for seed in range(100, 104):
+        drawn = make(0.0, seed)
+        plain, _ = robust.estimate(drawn, C, "least_squares", "grid")
+        ours, _ = robust.estimate(drawn, C, method, "grid")
+        gaps.append(metrics.rmse(ours[:, :2], plain[:, :2]))
+        errors.append(metrics.rmse(plain[:, :2], drawn.poses[:, :2]))
+    assert np.mean(gaps) < np.mean(errors)
+
+
+def test_gnc_rejects_planted_outliers_whatever_they_say():
+    """Thirty of 180 ranges are made wrong, in two ways: both leave the estimate of the rest."""
+    drawn = make(0.0)
+    spoilt = np.random.default_rng(0).choice(len(drawn.ranges), 30, replace=False)
+    kept = np.setdiff1d(np.arange(len(drawn.ranges)), spoilt)
+    estimates = []
+    for offset in (3.0, 6.0):
+        ranges = drawn.ranges.copy()
+        ranges[spoilt] += offset
+        estimates.append(robust.estimate(replace(drawn, ranges=ranges), C, "gnc_tls", "grid")[0])
+    parts = {name: getattr(drawn, name)[kept] for name in (
+        "pose_of", "label_of", "source_of", "ranges"
+    )}  # fmt: skip
+    without, _ = robust.estimate(replace(drawn, **parts), C, "gnc_tls", "grid")
+    assert distance(estimates[0], without) < 0.02
+    assert distance(estimates[1], without) < 0.02
+
+
+def test_starts_and_robust_estimates_know_nothing_of_the_truth():
+    drawn = make(0.3)
+    blind = replace(
+        drawn,
+        poses=np.vstack([drawn.poses[:1], np.full((29, 3), np.nan)]),
+        landmarks=np.full((6, 2), np.nan),
+        source_of=np.full(len(drawn.ranges), -1),
+    )
+    for method, start in (("cauchy", "grid"), ("gnc_tls", "first_poses")):
+        pair = [robust.estimate(w, C, method, start)[0] for w in (drawn, blind)]
+        assert np.array_equal(*pair)
+
+
+def test_first_poses_start_is_least_squares_on_three_ranges():
+    drawn = make(0.0)
+    blind = world.dead_reckoning(drawn.poses[0], drawn.odometry)
+    starts = robust.start_landmarks(drawn, blind, "first_poses")
+    for k in range(6):
+        ranges = drawn.ranges[drawn.label_of == k][:3]
+        assert np.allclose(starts[k], graph.start_landmark(blind[:3, :2], ranges))
+
+
+def test_best_cell_holds_the_landmark_among_many_wrong_ranges():
+    """Exact ranges from a circle, four of ten replaced by another landmark's."""
+    positions, landmark = world.circle_poses(20, 5.0)[:, :2], np.array([1.0, -2.5])
+    ranges = np.linalg.norm(positions - landmark, axis=1)
+    wrong = np.arange(20) % 5 < 2
+    ranges[wrong] = np.linalg.norm(positions[wrong] + [3.0, 1.0], axis=1)
+    cell = robust.best_cell(positions, ranges, np.full(20, 0.1**2), 15.0)
+    width = (10 + 2 * ranges.max()) / (robust.GRID_CELLS - 1)
+    assert np.abs(cell - landmark).max() < width
+
+
+def test_landmark_seen_from_two_poses_only_is_left_out():
+    drawn = make(0.0)
+    kept = (drawn.label_of != 5) | (drawn.pose_of < 2)
+    parts = ("pose_of", "label_of", "source_of", "ranges")
+    fewer = replace(drawn, **{name: getattr(drawn, name)[kept] for name in parts})
+    for method, start in (("huber", "first_poses"), ("gnc_tls", "grid")):
+        poses, landmarks = robust.estimate(fewer, C, method, start)
+        assert poses.shape == (30, 3)
+        assert np.isnan(landmarks[5]).all()
+        assert np.isfinite(landmarks[:5]).all()
+
+
+def test_unknown_names_are_refused():
+    with pytest.raises(ValueError, match="method is 'tukey'"):
+        robust.estimate(make(0.0), C, "tukey", "grid")
+    with pytest.raises(ValueError, match="start is 'truth'"):
+        robust.estimate(make(0.0), C, "huber", "truth")
+
+
+@pytest.fixture(scope="module")
+def compared():
+    return robust.compare(world.Scenario(), C, [0.2], range(100, 104), 1)
+
+
+def test_compare_has_every_method_on_the_same_worlds(compared):
+    assert len(compared) == 4 * (1 + len(robust.METHODS) * len(robust.STARTS))
+    drawn = make(0.2, 103)
+    poses, landmarks = robust.estimate(drawn, C, "dcs", "grid")
+    row = compared.query("method == 'dcs' and start == 'grid' and seed == 103").iloc[0]
+    assert row.pose_rmse == metrics.rmse(poses[:, :2], drawn.poses[:, :2])
+    assert row.landmark_rmse == metrics.rmse(landmarks, drawn.landmarks)
+    with joblib.parallel_config(backend="threading", n_jobs=2):
+        again = robust.compare(world.Scenario(), C, [0.2], [103, 102])
+    ours = compared[compared.seed.isin([102, 103])].sort_values(["seed", "method", "start"])
+    theirs = again.sort_values(["seed", "method", "start"])
+    pd.testing.assert_frame_equal(
+        ours.reset_index(drop=True), theirs.reset_index(drop=True), check_exact=True
+    )
+
+
+def test_robust_losses_beat_dead_reckoning_and_least_squares_does_not(compared):
+    """One range in five is wrong. Four fixed worlds, so nothing here is random."""
+    means = compared.groupby(["method", "start"]).pose_rmse.mean()
+    blind = means["dead_reckoning", "none"]
+    assert means["least_squares", "grid"] > blind
+    for method in ("huber", "cauchy", "dcs", "geman_mcclure", "gnc_tls", "oracle"):
+        assert means[method, "grid"] < blind
