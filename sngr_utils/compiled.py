@@ -26,9 +26,9 @@ class Factors(NamedTuple):
     ----------
     poses : (P, 5) x, y, theta, cos, sin of every pose involved; the first n_poses move
     points : (Q, 2) every landmark involved; the first n_points move
-    counts : (6,) n_poses, n_points, and the numbers of odometry factors, pose priors, point
-        priors and ranges, the order in which the next two hold them
-    of : (F, 2) rows of the pose(s) and point of each factor
+    counts : (7,) n_poses, n_points, and the numbers of odometry factors, pose priors, point
+        priors, ranges between points and ranges from poses: the order of the next two
+    of : (F, 2) rows of the poses or points of each factor
     measured : (F, 8) the measurement (a pose in five numbers, a point in two, a range in one)
         and, in the last three columns, 1 / sigma
     quadratic : (d, d) Q of an additional energy 1/2 xi^T Q xi; (0, 0) for none
@@ -49,8 +49,7 @@ class Factors(NamedTuple):
 
     @property
     def n_residuals(self) -> int:
-        between, prior, anchor = self.counts[2:5]
-        return int(3 * (between + prior) + 2 * anchor + len(self.of) - between - prior - anchor)
+        return int(np.array([3, 3, 2, 1, 1]) @ self.counts[2:])
 
 
 # --- from GTSAM -----------------------------------------------------------------------------
@@ -131,6 +130,7 @@ _MEASUREMENT: dict[type, Callable] = {
     gtsam.BetweenFactorPose2: lambda factor: _row(factor.measured()),
     gtsam.PriorFactorPose2: lambda factor: _row(factor.prior()),
     gtsam.PriorFactorPoint2: lambda factor: factor.prior(),
+    gtsam.RangeFactor2: lambda factor: (factor.measured(),),
     gtsam.RangeFactor2D: lambda factor: (factor.measured(),),
 }
 
@@ -210,10 +210,10 @@ def point_residual(points, of, measured, f):
 
 
 @compile_once
-def range_residual(poses, points, of, measured, f):
-    """The whitened residual of factor f, a range."""
+def range_residual(from_rows, points, of, measured, f):
+    """The whitened residual of factor f, a range from a pose or a point to a point."""
     i, k = of[f, 0], of[f, 1]
-    dx, dy = poses[i, 0] - points[k, 0], poses[i, 1] - points[k, 1]
+    dx, dy = from_rows[i, 0] - points[k, 0], from_rows[i, 1] - points[k, 1]
     return (math.sqrt(dx * dx + dy * dy) - measured[f, 0]) * measured[f, 5]
 
 
@@ -225,20 +225,23 @@ def residuals(factors, xi, poses, points, out):
     """
     place_variables(factors, xi, poses, points)
     of, measured = factors.of, factors.measured
-    between, prior, anchor = factors.counts[2], factors.counts[3], factors.counts[4]
+    priors = factors.counts[2]
+    anchors = priors + factors.counts[3]
+    between_points = anchors + factors.counts[4]
     n = 0
     for f in range(len(of)):
-        if f < between:
+        if f < priors:
             out[n], out[n + 1], out[n + 2] = between_residual(poses, of, measured, f)
             n += 3
-        elif f < between + prior:
+        elif f < anchors:
             out[n], out[n + 1], out[n + 2] = prior_residual(poses, of, measured, f)
             n += 3
-        elif f < between + prior + anchor:
+        elif f < between_points:
             out[n], out[n + 1] = point_residual(points, of, measured, f)
             n += 2
         else:
-            out[n] = range_residual(poses, points, of, measured, f)
+            near = points if f < between_points + factors.counts[5] else poses
+            out[n] = range_residual(near, points, of, measured, f)
             n += 1
 
 
@@ -270,7 +273,11 @@ def energy(factors, xi, poses, points, limit):
     for f in range(end, end + factors.counts[4]):
         x, y = point_residual(points, of, measured, f)
         total += x * x + y * y
-    for f in range(end + factors.counts[4], len(of)):
+    end += factors.counts[4]
+    for f in range(end, end + factors.counts[5]):
+        e = range_residual(points, points, of, measured, f)
+        total += e * e
+    for f in range(end + factors.counts[5], len(of)):
         if total > enough:
             break
         e = range_residual(poses, points, of, measured, f)

@@ -24,6 +24,9 @@ def random_graph(rng):
         values.insert(L(k), rng.normal(size=2))
         sigma = noise.Isotropic.Sigma(2, rng.uniform(0.01, 1))
         graph.push_back(gtsam.PriorFactorPoint2(L(k), rng.normal(size=2), sigma))
+        if k:
+            sigma = noise.Isotropic.Sigma(1, rng.uniform(0.01, 1))
+            graph.push_back(gtsam.RangeFactor2(L(k - 1), L(k), rng.uniform(0.1, 4), sigma))
         for t in range(4):
             sigma = noise.Isotropic.Sigma(1, rng.uniform(0.01, 1))
             graph.push_back(gtsam.RangeFactor2D(X(t), L(k), rng.uniform(0.1, 4), sigma))
@@ -63,7 +66,7 @@ def test_residuals_are_the_whitened_errors_of_gtsam(seed):
     kinds = [type(graph.at(i)) for i in range(graph.size())]
     order = [
         gtsam.BetweenFactorPose2, gtsam.PriorFactorPose2, gtsam.PriorFactorPoint2,
-        gtsam.RangeFactor2D,
+        gtsam.RangeFactor2, gtsam.RangeFactor2D,
     ]  # fmt: skip
     expected = [e for kind in order for k, e in zip(kinds, theirs, strict=True) if k is kind]
     assert np.allclose(out, np.concatenate(expected), rtol=1e-11, atol=1e-11)
