@@ -6,6 +6,7 @@ what stands above it in this list:
 ================  =====================================================================
 `paths`           where the project keeps things
 `style`           colours, column widths, saving a figure
+`jit`             compiles functions, and keeps the machine code
 `world`           the simulated scenario: trajectory, landmarks, odometry, ranges
 `metrics`         RMSE, NEES, precision and recall, bimodality coefficient
 `graph`           GTSAM factors, the iSAM2 run, joint marginals

@@ -11,10 +11,8 @@ from typing import NamedTuple
 
 import gtsam
 import numpy as np
-from numba import njit
 
-# njit with its machine code kept beside the module, so that only the first use compiles.
-compile_once = njit(cache=True, nogil=True, error_model="numpy")
+from sngr_utils.jit import compile_once
 
 TWO_PI = 2 * math.pi
 
@@ -90,7 +88,7 @@ def flatten(
         one = graph.at(i)
         if type(one) not in read:
             raise ValueError(f"factor {i} is a {type(one).__name__}: it has no compiled form")
-        of, row = [place(key) for key in one.keys()], np.zeros(8)
+        of, row = list(map(place, one.keys())), np.zeros(8)
         measurement, weights = _MEASUREMENT[type(one)](one), _weights(one)
         row[: len(measurement)] = measurement
         row[5 : 5 + len(weights)] = weights

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sngr_utils.compiled import Factors, compile_once, energy
+from sngr_utils.compiled import Factors, energy
+from sngr_utils.jit import compile_once
 
 HOP = 0.05  # share of steps of a full difference of live points, which can change the mode
 TARGET_ACCEPTANCE = 0.2

@@ -10,7 +10,8 @@ import numpy as np
 from dynesty.internal_samplers import SamplerReturn
 from dynesty.utils import get_random_generator
 
-from sngr_utils.compiled import Factors, compile_once, energy
+from sngr_utils.compiled import Factors, energy
+from sngr_utils.jit import compile_once
 from sngr_utils.nested import CanonicalWalk
 
 # Wichura's rational approximations of the normal quantile, lowest power first.
@@ -70,10 +71,8 @@ def normal_quantile(u):
     if abs(q) <= 0.425:
         return q * _ratio(_CENTRE[0], _CENTRE[1], 0.180625 - q * q)
     r = math.sqrt(-math.log(u if q < 0 else 1 - u))
-    if r <= 5:
-        z = _ratio(_SHOULDER[0], _SHOULDER[1], r - 1.6)
-    else:
-        z = _ratio(_TAIL[0], _TAIL[1], r - 5)
+    x = r - 1.6 if r <= 5 else r - 5
+    z = _ratio(_SHOULDER[0], _SHOULDER[1], x) if r <= 5 else _ratio(_TAIL[0], _TAIL[1], x)
     return -z if q < 0 else z
 
 
@@ -83,13 +82,13 @@ def _walk(factors, cholesky, u, limit, axes, scale, walks, rng):
 
     Returns
     -------
-    u, xi, energy (inf if no step was accepted), steps accepted, likelihood calls
+    u, xi, steps accepted, likelihood calls; without an accepted step xi is not set
     """
     d = len(u)
     poses, points = factors.poses.copy(), factors.points.copy()
     at, x = u.copy(), np.empty(d)
     ball, new, z, new_x = np.empty(d), np.empty(d), np.empty(d), np.empty(d)
-    lowest, accepted, calls = math.inf, 0, 0
+    accepted, calls = 0, 0
     for _ in range(walks):
         norm = 0.0
         for i in range(d):
@@ -113,11 +112,10 @@ def _walk(factors, cholesky, u, limit, axes, scale, walks, rng):
                 total += cholesky[i, j] * z[j]
             new_x[i] = total
         calls += 1
-        there = energy(factors, new_x, poses, points, limit)
-        if there < limit:
-            at[:], x[:], lowest = new, new_x, there
+        if energy(factors, new_x, poses, points, limit) < limit:
+            at[:], x[:] = new, new_x
             accepted += 1
-    return at, x, lowest, accepted, calls
+    return at, x, accepted, calls
 
 
 class CompiledWalk(CanonicalWalk):
@@ -139,7 +137,7 @@ class CompiledWalk(CanonicalWalk):
     def sample(args):
         rng, options = get_random_generator(args.rseed), args.kwargs
         walks = options["walks"]
-        u, xi, lowest, accepted, calls = _walk(
+        u, xi, accepted, calls = _walk(
             options["factors"], options["cholesky"], np.asarray(args.u), -args.loglstar,
             np.asarray(args.axes), args.scale, walks, rng,
         )  # fmt: skip

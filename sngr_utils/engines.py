@@ -117,10 +117,13 @@ def _fast(
     rng: np.random.Generator,
 ) -> NestedRun:
     """The fast path where it may be trusted, else the compiled nested sampler."""
-    fast_settings = importance.FastSettings()
-    draw = importance.sample(factors, cholesky, fast_settings, rng=rng)
-    objections, checked = draw.diagnostics.objections, None
+    fast_settings, checked = importance.FastSettings(), None
     walks = max(ENOUGH_WALKS, settings.walks(len(cholesky)))
+    try:
+        draw = importance.sample(factors, cholesky, fast_settings, rng=rng)
+        objections = draw.diagnostics.objections
+    except importance.NoModeError:
+        objections = ["starts"]
     if not objections and rng.random() < fast_settings.audit_share:
         checked = _nested(factors, cholesky, settings, walks, rng)
         spread = np.hypot(draw.log_evidence_error, checked.log_evidence_error)

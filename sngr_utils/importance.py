@@ -5,24 +5,28 @@ it cannot be trusted: see `Diagnostics`.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
-from sngr_utils.compiled import Factors, compile_once, energy, residuals
+from sngr_utils.compiled import Factors, energy, residuals
+from sngr_utils.jit import compile_once
 from sngr_utils.world import Checked
 
 DEGREES = 10.0  # of freedom of the proposal's Student t components
 MAX_MODES = 8
 SAME_MODE = 1.0  # modes nearer than this in their own standard deviations are one
 MAX_K_HAT = 0.7  # Vehtari et al., Pareto smoothed importance sampling, JMLR 25 (2024)
-MIN_ESS_SHARE = 0.1
+MIN_ESS = 200  # effective draws, below which `MORE` times as many are made
+MORE = 20
 
 
 class FastSettings(Checked):
     """Settings of the fast path.
+
+    n_draws is multiplied by `MORE` where too few of the draws are effective.
 
     n_starts : optimisations, the first at the MAP, the others at draws from the prior
     n_draws : importance samples
@@ -43,13 +47,13 @@ class Diagnostics:
     n_modes : modes found
     converged : share of the starts whose optimisation converged
     k_hat : shape of the Pareto tail of the weights; blind to a mode that no draw has visited
-    ess_share : effective share of the draws
+    ess : effective number of draws
     """
 
     n_modes: int
     converged: float
     k_hat: float
-    ess_share: float
+    ess: float
 
     @property
     def objections(self) -> list[str]:
@@ -60,10 +64,14 @@ class Diagnostics:
                 ("modes", self.n_modes >= MAX_MODES),
                 ("starts", self.converged < 0.9),
                 ("k-hat", not self.k_hat <= MAX_K_HAT),
-                ("ESS", self.ess_share < MIN_ESS_SHARE),
+                ("ESS", self.ess < MIN_ESS),
             )
             if bad
         ]
+
+
+class NoModeError(ValueError):
+    """No optimisation converged to a mode."""
 
 
 @dataclass(frozen=True)
@@ -331,7 +339,7 @@ def sample(
 
     Raises
     ------
-    ValueError : no start converged
+    NoModeError : no start converged
 
     Source: Owen & Zhou, JASA 95 (2000) 135 (deterministic mixtures).
     """
@@ -344,27 +352,47 @@ def sample(
         factors, cholesky, rotated, starts, factors.n_residuals
     )
     if len(modes) == 0:
-        raise ValueError("the fast path found no mode: no start converged")
+        raise NoModeError(f"none of {settings.n_starts} starts converged to a mode")
+    mixture = (modes, lowers, np.linalg.inv(lowers).transpose(0, 2, 1).copy())
     shares = np.maximum(np.exp(masses - masses.max()), 0.02)
-    counts = np.maximum(1, np.floor(settings.n_draws * shares / shares.sum())).astype(int)
-    component = np.repeat(np.arange(len(modes)), counts)
-    n = len(component)
+    share = converged / settings.n_starts
+    for n_draws in (settings.n_draws, MORE * settings.n_draws):
+        draw = _draw(factors, cholesky, mixture, shares / shares.sum(), n_draws, share, rng)
+        evaluations += len(draw.samples)
+        if draw.diagnostics.ess >= MIN_ESS:
+            break
+    return replace(draw, calls=evaluations)
+
+
+def _draw(
+    factors: Factors,
+    cholesky: np.ndarray,
+    mixture: tuple[np.ndarray, np.ndarray, np.ndarray],
+    shares: np.ndarray,
+    n_draws: int,
+    converged: float,
+    rng: np.random.Generator,
+) -> Weighted:
+    """Importance samples from a mixture, its components drawn from in fixed shares."""
+    component = np.repeat(np.arange(len(shares)), np.maximum(1, (n_draws * shares).astype(int)))
+    n, d = len(component), len(cholesky)
     noise = rng.standard_normal((n, d)) / np.sqrt(rng.chisquare(DEGREES, (n, 1)) / DEGREES)
-    spreads = np.linalg.inv(lowers).transpose(0, 2, 1).copy()
-    x, log_likelihoods, ratios = _weigh(factors, cholesky, modes, lowers, spreads, component, noise)
+    x, log_likelihoods, ratios = _weigh(factors, cholesky, *mixture, component, noise)
     log_weights = log_likelihoods + ratios
     top = log_weights.max()
     weights = np.exp(log_weights - top)
-    mean = weights.mean()
-    ess = weights.sum() ** 2 / np.sum(weights**2)
-    diagnostics = Diagnostics(
-        len(modes), converged / settings.n_starts, pareto_k_hat(weights), ess / n
-    )
+    mean, total = weights.mean(), weights.sum()
+    ess = total**2 / np.sum(weights**2)
     return Weighted(
-        x, log_likelihoods, log_weights - top - math.log(weights.sum()),
-        top + math.log(mean), math.sqrt(weights.var() / n) / mean,
-        evaluations + n, modes @ cholesky.T, diagnostics,
-    )  # fmt: skip
+        samples=x,
+        log_likelihoods=log_likelihoods,
+        log_weights=log_weights - top - math.log(total),
+        log_evidence=float(top + math.log(mean)),
+        log_evidence_error=float(math.sqrt(weights.var() / n) / mean),
+        calls=n,
+        modes=mixture[0] @ cholesky.T,
+        diagnostics=Diagnostics(len(shares), converged, pareto_k_hat(weights), float(ess)),
+    )
 
 
 def pareto_k_hat(weights: np.ndarray) -> float:

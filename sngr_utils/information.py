@@ -9,19 +9,20 @@ on the poses. Those of a range do not depend on its value.
 import math
 
 import numpy as np
-from numba import njit
+
+from sngr_utils.jit import compile_once
 
 SMALL_ANGLE = 1e-5  # rad, up to it GTSAM's derivative of the logarithm is a first-order series
 SMALL_RANGE = 1e-10  # m, up to it GTSAM takes (1, 1) for the direction to a landmark
 
 
-@njit(cache=True)
+@compile_once
 def _frame(pose):
     """Pose [x, y, theta] as (x, y, cos theta, sin theta)."""
     return pose[0], pose[1], math.cos(pose[2]), math.sin(pose[2])
 
 
-@njit(cache=True)
+@compile_once
 def _relative(a, b):
     """Frame b seen from frame a, both (x, y, cos, sin)."""
     dx, dy = b[0] - a[0], b[1] - a[1]
@@ -29,7 +30,7 @@ def _relative(a, b):
     return x, y, a[2] * b[2] + a[3] * b[3], a[2] * b[3] - a[3] * b[2]
 
 
-@njit(cache=True)
+@compile_once
 def _log_derivative(frame, out):
     """Derivative (3, 3) of the SE(2) logarithm by a body-frame step, into `out`.
 
@@ -62,7 +63,7 @@ def _log_derivative(frame, out):
     out[1, 2] = vy * inverse - 0.5 * vx - vy * cotangent
 
 
-@njit(cache=True)
+@compile_once
 def _odometry_jacobians(first, second, motion, by_first, by_second):
     """(3, 3) Jacobians of log(motion^-1 * first^-1 * second) by both poses, into the last two."""
     step = _relative(first, second)
@@ -76,7 +77,7 @@ def _odometry_jacobians(first, second, motion, by_first, by_second):
         by_first[i, 2] = -a * back_y + b * back_x - c
 
 
-@njit(cache=True)
+@compile_once
 def _add_product(left, weights, right, out):
     """Add left^T diag(weights) right, (3, 3), to the first columns of `out`."""
     for i in range(3):
@@ -85,7 +86,7 @@ def _add_product(left, weights, right, out):
                 out[i, j] += left[k, i] * weights[k] * right[k, j]
 
 
-@njit(cache=True)
+@compile_once
 def add_odometry(poses, x0_mean, x0_weights, odometry, odometry_weights, own, rest):
     """Add the prior on pose 0 and the T-1 odometry factors to the information blocks."""
     by_first, by_second = np.empty((3, 3)), np.empty((3, 3))
@@ -101,7 +102,7 @@ def add_odometry(poses, x0_mean, x0_weights, odometry, odometry_weights, own, re
         frame = following
 
 
-@njit(cache=True)
+@compile_once
 def _accumulate(sums, lost, i, j, term):
     """Add `term` to ``sums[i, j]``, what rounding loses kept in ``lost[i, j]``.
 
@@ -113,7 +114,7 @@ def _accumulate(sums, lost, i, j, term):
     sums[i, j] = total
 
 
-@njit(cache=True)
+@compile_once
 def add_ranges(poses, landmarks, pose_of, label_of, weight, own, rest, front, lost):
     """Add the ranges to landmarks that are present to the information blocks.
 
@@ -142,7 +143,7 @@ def add_ranges(poses, landmarks, pose_of, label_of, weight, own, rest, front, lo
                 _accumulate(front, lost, column + i, column + j, term)
 
 
-@njit(cache=True)
+@compile_once
 def invert(matrix):
     """Invert a symmetric positive definite (n, n) matrix in place; reads its upper triangle."""
     n = len(matrix)
@@ -171,7 +172,7 @@ def invert(matrix):
             matrix[i, j] = matrix[j, i] = total
 
 
-@njit(cache=True)
+@compile_once
 def eliminate(own, rest, front, lost):
     """Eliminate the poses in order; leaves their conditionals, and the landmarks' information.
 
@@ -209,7 +210,7 @@ def eliminate(own, rest, front, lost):
                 rest[t, i, j] = gain[i, j]
 
 
-@njit(cache=True)
+@compile_once
 def substitute(own, rest, later, second):
     """Go back over the poses; leaves covariances where `eliminate` left conditionals.
 

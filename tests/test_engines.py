@@ -102,8 +102,10 @@ def test_k_hat_is_blind_to_a_mode_it_never_saw_and_many_starts_are_not():
     missed = found = 0
     for seed in range(40):
         rng = np.random.default_rng(seed)
-        factors_off = factors._replace(points=factors.points + [[0.0, 0.5]])  # off the saddle
-        one = importance.sample(factors_off, cholesky, importance.FastSettings(n_starts=1), rng=rng)
+        off = factors.points.copy()
+        off[0, 1] += 0.5  # start off the saddle
+        single = importance.FastSettings(n_starts=1)
+        one = importance.sample(factors._replace(points=off), cholesky, single, rng=rng)
         mass = np.exp(one.log_weights)[one.samples[:, 1] > -0.5].sum()
         missed += (min(mass, 1 - mass) < 0.01) and one.diagnostics.k_hat < 0.7
         run = engines.sample_factors(factors, covariance, LONG, "fast", rng=rng)
@@ -212,10 +214,9 @@ def test_windows_on_a_dask_cluster_are_those_in_sequence(noisy):
         return [run.samples for run in runs]
 
     serial = sampled()
-    with distributed.Client(n_workers=2, threads_per_worker=1, dashboard_address=None,
-                            processes=False):  # fmt: skip
-        with joblib.parallel_config(backend="dask"):
-            there = sampled()
+    local = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+    with distributed.Client(processes=False, **local), joblib.parallel_config(backend="dask"):
+        there = sampled()
     assert all(np.array_equal(a, b) for a, b in zip(serial, there, strict=True))
 
 

@@ -15,8 +15,8 @@ MODULES = sorted(paths.PACKAGE.glob("*.py"))
 
 # The order in which the package's docstring lists the modules; each imports only from above.
 ORDER = [
-    "paths", "style", "world", "metrics", "graph", "windows", "information", "chain", "nested",
-    "compiled", "compiled_nested", "compiled_walk", "importance", "engines", "refine",
+    "paths", "style", "jit", "world", "metrics", "graph", "windows", "information", "chain",
+    "nested", "compiled", "compiled_nested", "compiled_walk", "importance", "engines", "refine",
     "baseline", "sweeps", "robust", "plots", "report", "bench",
     "bimodal", "trigger_sweep", "full_sngr", "cost",
     "parameters", "run", "verify",

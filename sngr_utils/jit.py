@@ -1,0 +1,25 @@
+"""Compile a function on its first use, and keep the machine code between runs.
+
+numba keeps machine code file by file, and does not notice when a function of another file that
+was compiled into it has changed. So the folder it keeps it in is named after the sources of all
+compiled modules: an edit to any of them compiles all of them again.
+"""
+
+import hashlib
+
+import numba
+
+from sngr_utils import paths
+
+
+def _fingerprint() -> str:
+    """Hash of the sources of all modules that compile anything."""
+    sources = [path.read_bytes() for path in sorted(paths.PACKAGE.glob("*.py"))]
+    compiled = [source for source in sources if b"compile_once" in source]
+    return hashlib.sha256(b"\0".join(compiled)).hexdigest()[:16]
+
+
+numba.config.CACHE_DIR = str(paths.BUILD / "cache" / "numba" / _fingerprint())
+
+# No Python objects inside, so threads run in parallel; x / 0 is inf, as in NumPy.
+compile_once = numba.njit(cache=True, nogil=True, error_model="numpy")
