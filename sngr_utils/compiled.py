@@ -88,10 +88,8 @@ def flatten(
         one = graph.at(i)
         if type(one) not in read:
             raise ValueError(f"factor {i} is a {type(one).__name__}: it has no compiled form")
-        of, row = list(map(place, one.keys())), np.zeros(8)
-        measurement, weights = _MEASUREMENT[type(one)](one), _weights(one)
-        row[: len(measurement)] = measurement
-        row[5 : 5 + len(weights)] = weights
+        of = list(map(place, one.keys()))
+        row = (*_MEASUREMENT[type(one)](one), *_weights(one))
         read[type(one)].append(((of[0], of[-1]), row))
     ordered = [pair for kind in read.values() for pair in kind]
     n_poses = sum(poses_first)
@@ -116,20 +114,23 @@ def _row(pose: gtsam.Pose2) -> tuple[float, ...]:
     return pose.x(), pose.y(), theta, math.cos(theta), math.sin(theta)
 
 
-def _weights(factor: gtsam.NoiseModelFactor) -> np.ndarray:
+def _weights(factor: gtsam.NoiseModelFactor) -> tuple[float, ...]:
+    """1 / sigma of each component, filled up to three."""
     noise = factor.noiseModel()
     if not isinstance(noise, gtsam.noiseModel.Diagonal):
         raise ValueError(f"noise model {type(noise).__name__}: only diagonal ones are compiled")
-    return 1 / noise.sigmas()
+    weights = [1 / sigma for sigma in noise.sigmas().tolist()]
+    return (*weights, 0.0, 0.0)[:3]
 
 
-# How to read what each kind of factor measured; the order is that of the loops below.
+# How to read what each kind of factor measured, as five numbers; the order is that of the loops
+# below.
 _MEASUREMENT: dict[type, Callable] = {
     gtsam.BetweenFactorPose2: lambda factor: _row(factor.measured()),
     gtsam.PriorFactorPose2: lambda factor: _row(factor.prior()),
-    gtsam.PriorFactorPoint2: lambda factor: factor.prior(),
-    gtsam.RangeFactor2: lambda factor: (factor.measured(),),
-    gtsam.RangeFactor2D: lambda factor: (factor.measured(),),
+    gtsam.PriorFactorPoint2: lambda factor: (*factor.prior().tolist(), 0.0, 0.0, 0.0),
+    gtsam.RangeFactor2: lambda factor: (factor.measured(), 0.0, 0.0, 0.0, 0.0),
+    gtsam.RangeFactor2D: lambda factor: (factor.measured(), 0.0, 0.0, 0.0, 0.0),
 }
 
 

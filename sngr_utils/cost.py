@@ -1,23 +1,18 @@
 """Driver of notebook 04: what selective refinement costs, and what it saves."""
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, TypeVar
+from typing import Annotated
 
-import gtsam
 import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import graph, nested, refine, report, windows
+from sngr_utils import bench, chain, engines, graph, nested, refine, report, windows
 from sngr_utils.baseline import Baseline, run_baseline
 from sngr_utils.world import Positive, Probability, Scenario, Seed
 
-T = TypeVar("T")
 
-
-class Config(Scenario, nested.SamplerSettings, refine.Gate):
+class Config(Scenario, nested.SamplerSettings, bench.BenchSettings):
     """Parameters of the cost study; the defaults are the paper's values where it states them.
 
     timing_calls : likelihood calls behind each time per call
@@ -47,8 +42,8 @@ class Cost:
     baseline : iSAM2 and the trigger
     fired : (N,) bool
     calls : (N,) likelihood calls of each window's run; the same on every machine
-    seconds : (N,) wall clock of each window's run
-    isam2_seconds : wall clock of the whole iSAM2 run
+    seconds : (N,) CPU time of each window's run
+    isam2_seconds : CPU time of the whole iSAM2 run
     """
 
     baseline: Baseline
@@ -64,20 +59,13 @@ class Cost:
 
     @property
     def saving_seconds(self) -> float:
-        """The same as a ratio of wall clocks, both from this one run."""
+        """The same as a ratio of CPU times, both from this one run."""
         return saving(self.seconds.sum(), self.seconds[self.fired].sum())
 
 
 def saving(exhaustive: float, selective: float) -> float:
     """How many times dearer the exhaustive run is; NaN if nothing was selected."""
     return float(exhaustive / selective) if selective else float("nan")
-
-
-def timed(work: Callable[[], T]) -> tuple[T, float]:
-    """The result of `work()` and its wall clock, [s]."""
-    start = time.perf_counter()
-    result = work()
-    return result, time.perf_counter() - start
 
 
 def run(config: Config) -> dict[float, Cost]:
@@ -89,19 +77,57 @@ def run_level(config: Config, p: float) -> Cost:
     """One p. The windows' random streams are those of the full pipeline (notebook 03)."""
     conventions = graph.conventions(config.preset, config.conventions)
     base = run_baseline(config.part(Scenario), conventions, p, config.seed)
-    _, isam2_seconds = timed(lambda: graph.run_isam2(base.world, conventions))
+    _, isam2_seconds = bench.timed(lambda: graph.run_isam2(base.world, conventions))
     streams = np.random.default_rng([config.seed, 1]).spawn(len(base.covariances))
-    settings, gate = config.part(nested.SamplerSettings), config.part(refine.Gate)
-    calls, seconds = [], []
-    for t, rng in enumerate(streams):
-        refined, took = timed(
-            lambda t=t, rng=rng: refine.refine_window(
-                base.solution, t, base.covariances[t], settings, gate, rng=rng
-            )
-        )
-        calls.append(refined.run.calls)
-        seconds.append(took)
+    done = [
+        bench.timed(lambda t=t, s=s: _sample(config, base, t, s)) for t, s in enumerate(streams)
+    ]
+    calls, seconds = zip(*((run.calls, took) for run, took in done), strict=True)
     return Cost(base, base.fired(config.tau), np.array(calls), np.array(seconds), isam2_seconds)
+
+
+def _sample(
+    config: Config, base: Baseline, t: int, rng: np.random.Generator, engine: str = "dynesty"
+) -> nested.NestedRun:
+    """The run of one window."""
+    likelihood = refine.window_likelihood(base.solution, t, config.likelihood_factor)
+    settings = config.part(nested.SamplerSettings)
+    return engines.sample_window(likelihood, base.covariances[t], settings, engine, rng=rng)
+
+
+def compare_engines(config: Config) -> dict[str, bench.Performance]:
+    """All engines on the same windows of one world (`bench.compare`)."""
+    conventions = graph.conventions(config.preset, config.conventions)
+    base = run_baseline(config.part(Scenario), conventions, config.bench_p, config.seed)
+    settings, sizes = config.part(nested.SamplerSettings), config.part(bench.BenchSettings)
+    return bench.compare(base, settings, sizes, rng=np.random.default_rng([config.seed, 4]))
+
+
+def grow(config: Config) -> bench.Growth:
+    """CPU time against the number of poses (`bench.growth`)."""
+    conventions = graph.conventions(config.preset, config.conventions)
+    return bench.growth(config.lengths, config.part(Scenario), conventions, config.seed)
+
+
+def exhaustive_fast(config: Config) -> tuple[float, float]:
+    """CPU time of refining every window by the fast path, with all glue, and of iSAM2, [s].
+
+    The marginals are those of the selected inverse; the world is that of `compare_engines`.
+    """
+    conventions = graph.conventions(config.preset, config.conventions)
+    base = run_baseline(config.part(Scenario), conventions, config.bench_p, config.seed)
+
+    def refine_all():
+        covariances = chain.window_covariances(base.solution, base.world, conventions)
+        return refine.refine_windows(
+            base.solution, range(len(covariances)), covariances,
+            config.part(nested.SamplerSettings), refine.Gate(), "fast",
+            rng=np.random.default_rng([config.seed, 1]),
+        )  # fmt: skip
+
+    refine_all()  # compile, or load what was compiled
+    _, isam2_seconds = bench.timed(lambda: graph.run_isam2(base.world, conventions))
+    return bench.timed(refine_all)[1], isam2_seconds
 
 
 @dataclass(frozen=True)
@@ -111,7 +137,7 @@ class ClosureCost:
     Attributes
     ----------
     all_factors, window_factors : number of factors in each
-    seconds_loop, seconds_all, seconds_window : wall clock per call: all factors one by one in
+    seconds_loop, seconds_all, seconds_window : CPU time per call: all factors one by one in
         Python, all in one GTSAM call, those that touch the window in one GTSAM call
     largest_difference : largest deviation between the first two differences of log-likelihood
         to the MAP and the third, over random points, [nats]
@@ -135,32 +161,19 @@ def closure_cost(config: Config, cost: Cost, t: int, *, rng: np.random.Generator
     def likelihood(chosen):
         return nested.LocalLikelihood(chosen, solution.estimate, keys, config.likelihood_factor)
 
-    looped = likelihood(FactorLoop(whole))
+    looped = likelihood(bench.FactorLoop(whole))
     all_at_once, local = likelihood(whole), likelihood(factors)
     cholesky = np.linalg.cholesky(cost.baseline.covariances[t])
     points = rng.normal(size=(config.timing_calls, local.dimension)) @ cholesky.T
     values, seconds = [], []
     for function in (looped, all_at_once, local):
-        at_points, took = timed(lambda f=function: np.array([f(point) for point in points]))
+        at_points, took = bench.timed(lambda f=function: np.array([f(point) for point in points]))
         values.append(at_points - function(np.zeros(local.dimension)))
         seconds.append(took / len(points))
     return ClosureCost(
         whole.size(), factors.size(), *seconds,
         largest_difference=float(max(abs(v - values[2]).max() for v in values[:2])),
     )  # fmt: skip
-
-
-class FactorLoop:
-    """A factor graph whose error is summed factor by factor in Python."""
-
-    def __init__(self, graph: gtsam.NonlinearFactorGraph):
-        self._factors = [graph.at(i) for i in range(graph.size())]
-
-    def size(self) -> int:
-        return len(self._factors)
-
-    def error(self, values: gtsam.Values) -> float:
-        return sum(factor.error(values) for factor in self._factors)
 
 
 def saving_series(costs: dict[float, Cost]) -> dict[str, tuple[list[int], list[float]]]:
@@ -184,9 +197,7 @@ def single_window(config: Config, t: int) -> nested.NestedRun:
     conventions = graph.conventions(config.preset, config.conventions)
     base = run_baseline(config.part(Scenario), conventions, config.p_levels[0], config.seed)
     rng = np.random.default_rng([config.seed, 1]).spawn(len(base.covariances))[t]
-    settings, gate = config.part(nested.SamplerSettings), config.part(refine.Gate)
-    covariance = base.covariances[t]
-    return refine.refine_window(base.solution, t, covariance, settings, gate, rng=rng).run
+    return _sample(config, base, t, rng)
 
 
 def cost_table(costs: dict[float, Cost]) -> pd.DataFrame:

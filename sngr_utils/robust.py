@@ -80,7 +80,7 @@ def _solve(
     sure = sure_factors(the_world, conventions, landmarks)
     factors = gtsam.NonlinearFactorGraph(sure)
     factors.push_back(range_factors(the_world, landmarks, method))
-    values = _values(poses, landmarks)
+    values = values_of(poses, landmarks)
     if method == "gnc_tls":
         result = _graduated(factors, values, known_inliers=range(sure.size()))
     else:
@@ -229,7 +229,7 @@ def best_cell(
     return np.array([axes[i, 0], axes[j, 1]])
 
 
-def _values(poses: np.ndarray, landmarks: np.ndarray) -> gtsam.Values:
+def values_of(poses: np.ndarray, landmarks: np.ndarray) -> gtsam.Values:
     """Poses and the landmarks that are not NaN, as GTSAM's start."""
     values = gtsam.Values()
     for t, pose in enumerate(poses):

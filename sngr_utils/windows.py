@@ -94,11 +94,9 @@ def touching_factors(
     graph: gtsam.NonlinearFactorGraph, keys: list[int]
 ) -> gtsam.NonlinearFactorGraph:
     """The factors with at least one of `keys`: all that change when the window moves."""
-    wanted, subset = set(keys), gtsam.NonlinearFactorGraph()
-    for i in range(graph.size()):
-        factor = graph.at(i)
-        if wanted.intersection(factor.keys()):
-            subset.push_back(factor)
+    index, subset = gtsam.VariableIndex(graph), gtsam.NonlinearFactorGraph()
+    for i in sorted({i for key in keys for i in index.at(key)}):
+        subset.push_back(graph.at(i))
     return subset
 
 
