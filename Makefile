@@ -12,6 +12,8 @@ JOBS ?= 2
 NOTEBOOKS := $(sort $(notdir $(basename $(wildcard notebooks/*.ipynb))))
 PY := .venv/bin/python
 RUN := $(PY) -m sngr_utils.run
+# Once for all notebooks and tests that follow; seconds if it has been done.
+COMPILE := $(PY) -m sngr_utils.engines
 
 # The environment is private: nothing of the user's Python, Jupyter or Matplotlib set-up counts.
 unexport PYTHONPATH PYTHONHOME PYTHONOPTIMIZE JUPYTER_PATH VIRTUAL_ENV MPLBACKEND CDPATH BASH_ENV
@@ -40,6 +42,7 @@ help:
 	@echo 'make quick      the notebooks with the small params/quick, into build/quick'
 	@echo 'make run/NAME   one notebook, e.g. make run/01_bimodal'
 	@echo 'make notebooks  execute the committed notebooks in place, refreshing their outputs'
+	@echo 'make bench      time the engines side by side, with their errors'
 	@echo 'make verify     re-run everything aside and compare with paper/reference'
 	@echo 'make setup      the Python environment only (.venv)'
 	@echo 'make lint       ruff'
@@ -60,29 +63,38 @@ check: setup
 	@$(RUN) check
 
 results: setup
-	@+stale=$$($(RUN) stale) && if [ -n "$$stale" ]; then $(SUBMAKE) $(PARALLEL) $$stale; \
+	@+stale=$$($(RUN) stale) && if [ -n "$$stale" ]; then \
+	  $(COMPILE) && $(SUBMAKE) $(PARALLEL) $$stale; \
 	  else echo 'all notebooks are up to date'; fi
 
 $(NOTEBOOKS:%=run/%): run/%: setup
 	@$(RUN) notebook $*
 
 quick: check
+	@$(COMPILE)
 	@+$(SUBMAKE) $(PARALLEL) $(NOTEBOOKS:%=quick/%)
 
 $(NOTEBOOKS:%=quick/%): quick/%: setup
 	@$(RUN) quick $*
 
 notebooks: check
+	@$(COMPILE)
 	@+$(SUBMAKE) $(PARALLEL) $(NOTEBOOKS:%=refresh/%)
 
 $(NOTEBOOKS:%=refresh/%): refresh/%: setup
 	@$(RUN) refresh $*
 
 verify: check
+	@$(COMPILE)
 	@+$(SUBMAKE) $(PARALLEL) $(NOTEBOOKS:%=scratch/%)
 	@$(PY) -m sngr_utils.verify compare
 
-.PHONY: $(NOTEBOOKS:%=scratch/%)
+# The engines side by side as a table, with the parameters of notebook 04.
+bench: check
+	@$(COMPILE)
+	@$(PY) -m sngr_utils.cost
+
+.PHONY: bench $(NOTEBOOKS:%=scratch/%)
 $(NOTEBOOKS:%=scratch/%): scratch/%: setup
 	@$(RUN) scratch $*
 
@@ -98,6 +110,7 @@ pdf: setup
 	@bash scripts/typeset.sh
 
 test: check
+	@$(COMPILE)
 	@$(PY) -m pytest
 
 lint: setup

@@ -26,8 +26,8 @@ what stands above it in this list:
 `plots`           ``draw_*(ax, data)``
 `report`          results -> JSON -> LaTeX values and tables
 `bench`           the engines side by side, and the growth with the length of the trajectory
-`bimodal` ...     one driver per notebook: `bimodal`, `trigger_sweep`, `full_sngr`, `cost`
 `parameters`      reads ``params/*.yaml`` and checks every value
+`bimodal` ...     one driver per notebook: `bimodal`, `trigger_sweep`, `full_sngr`, `cost`
 `run`             runs the notebooks headless (used by the Makefile)
 `verify`          re-runs everything and compares it with the committed reference
 ================  =====================================================================

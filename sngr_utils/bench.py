@@ -2,12 +2,13 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, TypeVar
 
 import gtsam
 import numpy as np
 import pandas as pd
+from gtsam.symbol_shorthand import L
 from pydantic import Field
 
 from sngr_utils import (
@@ -71,12 +72,14 @@ class Contender:
     settings : of its sampler
     sample : (likelihood, covariance, settings, rng) -> NestedRun
     repeats : runs for each run of dynesty
+    every : takes part in every so many turns
     """
 
     name: str
     settings: nested.SamplerSettings
     sample: Callable[..., nested.NestedRun]
     repeats: int = 1
+    every: int = 1
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,11 @@ class Performance:
     ess: np.ndarray
 
 
+# The sampler of the paper with GTSAM's factors one by one in a Python loop: all of the closure,
+# as the paper describes it, and those that touch the window. Ratios are to the second.
+CLOSURE_LOOP, WINDOW_LOOP = "dynesty, loop over the closure", "dynesty, loop over the window"
+
+
 @dataclass(frozen=True)
 class Reference:
     """A window's evidence with its standard error, [nats], and its mean and variances (d,)."""
@@ -111,10 +119,7 @@ class Reference:
     variances: np.ndarray
 
 
-REFERENCE_ENGINE = "dynesty 100/9, factors in a Python loop"
-
-
-def contenders(settings: nested.SamplerSettings) -> list[Contender]:
+def contenders(base: Baseline, settings: nested.SamplerSettings) -> list[Contender]:
     """The paper's sampler written three ways, and the engines that replace it."""
 
     def through(engine):
@@ -122,22 +127,29 @@ def contenders(settings: nested.SamplerSettings) -> list[Contender]:
             likelihood, covariance, chosen, engine, rng=rng
         )
 
-    def looped(likelihood, covariance, chosen, rng):
+    def looped(likelihood, covariance, chosen, rng, factors=None):
         loop = nested.LocalLikelihood(
-            FactorLoop(likelihood.factors), likelihood.estimate, likelihood.keys, likelihood.factor
-        )
-        return engines.sample_window(loop, covariance, chosen, rng=rng)
+            FactorLoop(factors or likelihood.factors), likelihood.estimate, likelihood.keys,
+            likelihood.factor,
+        )  # fmt: skip
+        run = engines.sample_window(loop, covariance, chosen, rng=rng)
+        at_map = np.zeros(likelihood.dimension)
+        constant = likelihood(at_map) - loop(at_map)  # of the factors that do not touch the window
+        return replace(run, log_evidence=run.log_evidence + constant)
+
+    def whole_closure(likelihood, covariance, chosen, rng):
+        return looped(likelihood, covariance, chosen, rng, base.solution.graph)
 
     n, few = settings.n_live, settings.walks(9)
-    long = settings.model_copy(update={"min_walks": engines.ENOUGH_WALKS})
+    long = settings.model_copy(update={"min_walks": max(few, engines.ENOUGH_WALKS)})
+    many = long.min_walks
     return [
-        Contender(REFERENCE_ENGINE.replace("100/9", f"{n}/{few}"), settings, looped),
+        Contender(CLOSURE_LOOP, settings, whole_closure, every=6),
+        Contender(WINDOW_LOOP, settings, looped),
         Contender(f"dynesty {n}/{few}, one call to GTSAM", settings, through("dynesty")),
-        Contender(
-            f"dynesty {n}/{long.min_walks}, compiled walk", long, through("dynesty-compiled")
-        ),
+        Contender(f"dynesty {n}/{many}, compiled walk", long, through("dynesty-compiled")),
         Contender(f"compiled nested {n}/{few}", settings, through("nested"), 10),
-        Contender(f"compiled nested {n}/{long.min_walks}", long, through("nested"), 10),
+        Contender(f"compiled nested {n}/{many}", long, through("nested"), 10),
         Contender("fast path", settings, through("fast"), 10),
     ]
 
@@ -191,14 +203,14 @@ def compare(
         reference(likelihood, base.covariances[t], settings, bench.reference_draws, rng=rng)
         for t, likelihood in zip(chosen, likelihoods, strict=True)
     ]
-    field = contenders(settings)
-    for contender in field[2:]:  # compile, or load what was compiled
+    field = contenders(base, settings)
+    for contender in field[3:]:  # compile, or load what was compiled
         contender.sample(likelihoods[0], base.covariances[chosen[0]], contender.settings, rng)
     rows: dict[str, list] = {contender.name: [] for contender in field}
     for run in range(bench.bench_runs):
         w = run % len(chosen)
         for contender in field:
-            for _ in range(contender.repeats):
+            for _ in range(contender.repeats if run % contender.every == 0 else 0):
                 rows[contender.name].append(
                     _one_run(contender, likelihoods[w], base.covariances[chosen[w]],
                              references[w], rng)
@@ -229,24 +241,78 @@ def _one_run(
     )
 
 
-def speed_table(performances: dict[str, Performance]) -> pd.DataFrame:
-    """CPU time of a window and its ratio to the first row, calls, effective samples."""
-    slowest = next(iter(performances.values())).seconds.mean()
-    rows = [
-        [
+def ratio(performances: dict[str, Performance], name: str) -> float:
+    """How many times faster than the loop over the window's factors."""
+    return float(performances[WINDOW_LOOP].seconds.mean() / performances[name].seconds.mean())
+
+
+def likelihood_seconds(base: Baseline, t: int, factor: float, calls: int) -> float:
+    """CPU time of one compiled likelihood of window t, in a batch of `calls`, [s]."""
+    likelihood = refine.window_likelihood(base.solution, t, factor)
+    factors = compiled.flatten(
+        likelihood.factors, likelihood.estimate, likelihood.keys, likelihood.factor
+    )
+    xis = np.zeros((calls, likelihood.dimension))
+    compiled.log_likelihoods(factors, xis)
+    return min(timed(lambda: compiled.log_likelihoods(factors, xis))[1] for _ in range(5)) / calls
+
+
+def speed_table(performances: dict[str, Performance], per_call: float) -> pd.DataFrame:
+    """CPU time of a window and how many times faster than the loop, beside the physical limit.
+
+    Parameters
+    ----------
+    per_call : CPU time of one compiled likelihood, [s]; times the calls of an engine it is what
+        the engine cannot do without
+    """
+    rows = []
+    for name, p in performances.items():
+        seconds, calls = p.seconds.mean(), p.calls.mean()
+        faster = ratio(performances, name)
+        rows.append([
             name,
-            report.text(1e3 * p.seconds.mean(), ".1f" if p.seconds.mean() > 0.01 else ".2f"),
-            report.text(
-                slowest / p.seconds.mean(), ".1f" if slowest < 10 * p.seconds.mean() else ".0f"
-            ),
-            report.text(p.calls.mean(), ".0f"),
-            report.text(1e6 * p.seconds.sum() / p.calls.sum(), ".2f"),
+            report.text(faster, ".1f" if faster < 10 else ".0f"),
+            report.text(1e3 * seconds, ".0f" if seconds > 0.05 else ".1f"),
+            report.text(1e3 * calls * per_call, ".1f"),
+            report.text(calls, ".0f"),
             report.text(p.ess.sum() / p.seconds.sum(), ".0f"),
-        ]
-        for name, p in performances.items()
-    ]
-    columns = ["engine", "ms per window", "ratio", "calls", "µs per call", "ESS per s"]
+        ])
+    columns = ["engine", "ratio", "ms per window", "limit [ms]", "calls", "ESS per s"]
     return pd.DataFrame(rows, columns=columns)
+
+
+def speed_series(
+    performances: dict[str, Performance], per_call: float
+) -> tuple[list[str], list[float], list[float]]:
+    """Names, measured time and limit, [ms], as `plots.draw_engines` takes them."""
+    measured = [1e3 * p.seconds.mean() for p in performances.values()]
+    limits = [1e3 * p.calls.mean() * per_call for p in performances.values()]
+    return list(performances), measured, limits
+
+
+def two_mode_runs(
+    n_starts: int, runs: int, *, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mass of the upper of two equal modes by importance sampling, and k-hat, each (runs,).
+
+    A landmark seen from two anchors 4 m apart at 3 m from both, as in notebook 01, likelihood
+    factor 1, prior N(., 50 I); started 0.5 m off the axis of symmetry, where the gradient is not
+    zero.
+    """
+    sigma = gtsam.noiseModel.Isotropic.Sigma(1, 0.2)
+    factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    values.insert(L(0), np.array([2.0, 0.5]))
+    for k, x in ((1, 0.0), (2, 4.0)):
+        values.insert(L(k), np.array([x, 0.0]))
+        factors.push_back(gtsam.RangeFactor2(L(k), L(0), 3.0, sigma))
+    flat = compiled.flatten(factors, values, [L(0)], 1.0)
+    settings = importance.FastSettings(n_starts=n_starts)
+    masses, k_hats = np.empty(runs), np.empty(runs)
+    for i, stream in enumerate(rng.spawn(runs)):
+        run = importance.sample(flat, np.sqrt(50) * np.eye(2), settings, rng=stream)
+        masses[i] = np.exp(run.log_weights)[run.samples[:, 1] > -0.5].sum()
+        k_hats[i] = run.diagnostics.k_hat
+    return masses, k_hats
 
 
 def accuracy_table(performances: dict[str, Performance]) -> pd.DataFrame:

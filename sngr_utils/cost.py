@@ -7,7 +7,18 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import bench, chain, engines, graph, nested, refine, report, windows
+from sngr_utils import (
+    bench,
+    chain,
+    engines,
+    graph,
+    importance,
+    nested,
+    parameters,
+    refine,
+    report,
+    windows,
+)
 from sngr_utils.baseline import Baseline, run_baseline
 from sngr_utils.world import Positive, Probability, Scenario, Seed
 
@@ -101,6 +112,39 @@ def compare_engines(config: Config) -> dict[str, bench.Performance]:
     base = run_baseline(config.part(Scenario), conventions, config.bench_p, config.seed)
     settings, sizes = config.part(nested.SamplerSettings), config.part(bench.BenchSettings)
     return bench.compare(base, settings, sizes, rng=np.random.default_rng([config.seed, 4]))
+
+
+def likelihood_seconds(config: Config) -> float:
+    """CPU time of one compiled likelihood call of a window of `compare_engines`, [s]."""
+    conventions = graph.conventions(config.preset, config.conventions)
+    base = run_baseline(config.part(Scenario), conventions, config.bench_p, config.seed)
+    middle = len(base.covariances) // 2
+    return bench.likelihood_seconds(base, middle, config.likelihood_factor, config.timing_calls)
+
+
+def print_bench(config: Config) -> None:
+    """What ``make bench`` prints: speed and accuracy of the engines, growth of the marginals."""
+    performances = compare_engines(config)
+    print(bench.speed_table(performances, likelihood_seconds(config)).to_string(index=False))
+    print()
+    print(bench.accuracy_table(performances).to_string(index=False))
+    print()
+    print(bench.growth_table(grow(config)).to_string(index=False))
+
+
+def two_mode_table(*, rng: np.random.Generator, runs: int = 40) -> pd.DataFrame:
+    """The fast path on the two-mode landmark of notebook 01, from one start and from many."""
+    rows = []
+    for n_starts in (1, importance.FastSettings().n_starts):
+        masses, k_hats = bench.two_mode_runs(n_starts, runs, rng=rng)
+        right = np.abs(masses - 0.5) < 0.1
+        content = k_hats <= importance.MAX_K_HAT
+        rows.append([
+            str(n_starts), f"{right.sum()} of {runs}", f"{(content & ~right).sum()} of {runs}",
+            report.mean_std(masses),
+        ])  # fmt: skip
+    columns = ["starts", "right", "wrong, k-hat content", "mass of the upper mode"]
+    return pd.DataFrame(rows, columns=columns)
 
 
 def grow(config: Config) -> bench.Growth:
@@ -256,7 +300,7 @@ def calls_table(costs: dict[float, Cost]) -> pd.DataFrame:
 def record(
     config: Config, costs: dict[float, Cost], closure: ClosureCost, to: report.Report
 ) -> None:
-    """Hand the costs to the paper, wall clocks apart from the rest."""
+    """Hand the costs to the paper, times apart from the rest."""
     to.value("cost.seed", config.seed, ".0f")
     to.value("cost.tau", config.tau)
     first = min(costs)
@@ -267,12 +311,49 @@ def record(
     to.value("closure.all_factors", closure.all_factors, ".0f")
     to.value("closure.window_factors", closure.window_factors, ".0f")
     seconds = np.concatenate([cost.seconds for cost in costs.values()])
-    to.value("cost.seconds_per_window", seconds.mean(), unit="s", n=len(seconds), timing=True)
     isam2 = np.mean([cost.isam2_seconds for cost in costs.values()])
-    to.value("cost.window_over_isam2", seconds.mean() / isam2, ".0f", timing=True)
     in_likelihood = calls.mean() * closure.seconds_window / seconds.mean()
-    to.value("cost.likelihood_share", 100 * in_likelihood, ".0f", timing=True)
-    to.value("closure.loop_over_window", closure.seconds_loop / closure.seconds_window, ".0f",
-             timing=True)  # fmt: skip
-    to.value("closure.all_over_window", closure.seconds_all / closure.seconds_window, ".1f",
-             timing=True)  # fmt: skip
+    for key, value, fmt in (
+        ("cost.window_over_isam2", seconds.mean() / isam2, ".0f"),
+        ("cost.likelihood_share", 100 * in_likelihood, ".0f"),
+        ("closure.loop_over_window", closure.seconds_loop / closure.seconds_window, ".0f"),
+        ("closure.all_over_window", closure.seconds_all / closure.seconds_window, ".1f"),
+    ):
+        to.value(key, value, fmt, timing=True)
+
+
+def record_engines(
+    performances: dict[str, bench.Performance],
+    grown: bench.Growth,
+    fast: tuple[float, float],
+    to: report.Report,
+) -> None:
+    """Hand the comparison of the engines to the paper; `fast` is that of `exhaustive_fast`."""
+    keys = dict(zip(performances, (
+        "closure_loop", "window_loop", "one_call", "compiled_walk", "nested_few", "nested", "fast",
+    ), strict=True))  # fmt: skip
+    for name, key in keys.items():
+        p, faster = performances[name], bench.ratio(performances, name)
+        to.value(f"engine.{key}.ratio", faster, ".1f" if faster < 10 else ".0f", timing=True)
+        error = report.standard_error(p.errors)
+        to.value(f"engine.{key}.bias", p.errors.mean(), ".3f", "nats", error, len(p.errors))
+    rms = float(np.sqrt(np.mean(performances["fast path"].errors ** 2)))
+    to.value("engine.fast.rms", rms, ".3f", "nats", n=len(performances["fast path"].errors),
+             within=0.005)  # fmt: skip
+    to.value("engine.fast_all_over_isam2", fast[0] / fast[1], ".1f", timing=True)
+    inverse, together, anew = (
+        grown.seconds[f"marginals, {how}"]
+        for how in ("selected inverse", "GTSAM", "GTSAM, asked anew for each window")
+    )
+    known = np.isfinite(together)
+    to.value("growth.shortest", grown.lengths[0], ".0f")
+    to.value("growth.longest_compared", grown.lengths[known][-1], ".0f")
+    to.value("growth.longest", grown.lengths[-1], ".0f")
+    for name, other in (("together", together), ("anew", anew)):
+        to.value(f"growth.{name}.first", other[0] / inverse[0], ".0f", timing=True)
+        to.value(f"growth.{name}.last", (other / inverse)[known][-1], ".0f", timing=True)
+    to.value("growth.slope", grown.slope("marginals, selected inverse"), timing=True)
+
+
+if __name__ == "__main__":
+    print_bench(Config(**parameters.read_params("04_cost")))

@@ -8,12 +8,14 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import graph, metrics, nested, refine, report, windows, world
+from sngr_utils import engines, graph, metrics, nested, refine, report, windows, world
 from sngr_utils.baseline import Baseline, run_baseline
 from sngr_utils.world import Positive, Probability, Scenario, Seed
 
 
-class Config(Scenario, nested.SamplerSettings, refine.Gate, refine.TriggerOnly):
+class Config(
+    Scenario, engines.EngineChoice, nested.SamplerSettings, refine.Gate, refine.TriggerOnly
+):
     """Parameters of the full pipeline; the defaults are the paper's values where it states them.
 
     p_levels : wrong-association probabilities; must hold p_diagnosed and p_noop
@@ -122,6 +124,7 @@ def _refine(config: Config, base: Baseline, which: Iterable[int]) -> list[refine
         base.covariances,
         config.part(nested.SamplerSettings),
         config.part(refine.Gate),
+        config.engine,
         rng=np.random.default_rng([config.seed, 1]),
     )
 

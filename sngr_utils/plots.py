@@ -254,3 +254,31 @@ def draw_saving(
         ax.plot(fired, saving, marker, color=colour, label=name)
     ax.set(xlabel="windows that fire, n", ylabel="exhaustive / selective", ylim=(0, 10))
     ax.legend()
+
+
+def draw_engines(
+    ax: Axes, names: Sequence[str], milliseconds: Sequence[float], limits: Sequence[float]
+) -> None:
+    """CPU time of a window per engine, log scale, with the time of its likelihood calls alone."""
+    y = np.arange(len(names))[::-1]
+    ax.hlines(y, limits, milliseconds, color=style.SAMPLES, lw=0.8)
+    ax.plot(milliseconds, y, "o", color=style.SAMPLES, label="measured")
+    ax.plot(limits, y, "|", color=style.TRUTH, ms=7, label="likelihood calls alone, compiled")
+    ax.set_xscale("log")
+    ax.set_yticks(y, names)
+    ax.set(xlabel="ms per window", ylim=(-0.6, len(names) - 0.4))
+    legend_above(ax, ncols=2)
+
+
+def draw_growth(ax: Axes, lengths: np.ndarray, seconds: dict[str, np.ndarray],
+                slopes: dict[str, float]) -> None:  # fmt: skip
+    """CPU time [s] against the number of poses, log-log, one line per method with its slope."""
+    looks = zip(
+        (style.ESTIMATE, style.PRINTED, style.TRIGGERED, style.LANDMARK, style.SAMPLES),
+        "os^vD", strict=True,
+    )  # fmt: skip
+    for (name, values), (colour, marker) in zip(seconds.items(), looks, strict=True):
+        label = f"{name}: slope {slopes[name]:.2f}"
+        ax.loglog(lengths, values, marker=marker, color=colour, label=label)
+    ax.set(xlabel="poses", ylabel="CPU time [s]")
+    ax.legend(loc="lower center", bbox_to_anchor=(0.45, 1.0), ncols=1)

@@ -22,6 +22,7 @@ from ruamel.yaml import YAML
 
 from sngr_utils import paths
 
+TIMING = "_timing"  # end of the name of a figure that shows wall clocks
 NONE = "–"  # what a table shows where there is nothing to show
 
 LATEX_CELL = str.maketrans({
@@ -125,9 +126,13 @@ class Report:
         (self._timings if timing else self._results)["tables"][name] = entry
         return show(frame)
 
-    def figure(self, fig: Figure, name: str, png: bool = False) -> None:
-        """Save a figure as ``<notebook>_<name>.pdf``, and as PNG too if the README shows it."""
-        stem = f"{self.notebook}_{name}"
+    def figure(self, fig: Figure, name: str, png: bool = False, timing: bool = False) -> None:
+        """Save a figure as ``<notebook>_<name>.pdf``, and as PNG too if the README shows it.
+
+        With `timing` it shows wall clocks, which no two runs share: its name ends in
+        ``_timing``, and it is not committed.
+        """
+        stem = f"{self.notebook}_{name}" + (TIMING if timing else "")
         fig.savefig(self.output_dir / f"{stem}.pdf", metadata={"CreationDate": None})
         self._results["figures"].append(f"{stem}.pdf")
         if png:

@@ -201,7 +201,8 @@ def publish(name: str, staging: Path, inputs: dict[str, str]) -> None:
     for figure in result["figures"]:
         target = paths.FIGURES / figure
         os.replace(staging / figure, target)
-        moved[_relative(target)] = _file_hash(target)
+        shows_clocks = target.stem.endswith(report.TIMING)
+        moved[_relative(target)] = "" if shows_clocks else _file_hash(target)
     for old in paths.FIGURES.glob(f"{name}_*"):
         if old.name not in result["figures"]:
             old.unlink()  # a figure the notebook no longer draws

@@ -1,0 +1,131 @@
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from sngr_utils import bench, cost, graph, nested, plots, refine, report, windows, world
+from sngr_utils.world import simulate
+
+SMALL = {"bench_windows": 2, "bench_runs": 2, "reference_draws": 2000, "lengths": [12, 24],
+         "n_live": 30, "dlogz": 2.0, "timing_calls": 10}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def engines():
+    config = cost.Config(**SMALL)
+    return config, cost.compare_engines(config)
+
+
+def test_every_engine_takes_part_and_is_measured(engines):
+    _, performances = engines
+    assert len(performances) == 7
+    runs = [len(p.seconds) for p in performances.values()]
+    assert runs == [1, 2, 2, 2, 20, 20, 20]
+    for p in performances.values():
+        assert (p.seconds >= 0).all()
+        assert (p.calls > 30).all()
+        assert (np.abs(p.errors) < 3).all()  # ten times the error of 30 live points
+    assert bench.ratio(performances, bench.WINDOW_LOOP) == 1
+    assert bench.ratio(performances, "fast path") > 10
+
+
+def test_bench_tables_and_values(engines, tmp_path, capsys):
+    config, performances = engines
+    per_call = cost.likelihood_seconds(config)
+    assert 1e-8 < per_call < 1e-4
+    assert bench.speed_table(performances, per_call).shape == (7, 6)
+    assert bench.accuracy_table(performances).shape == (7, 6)
+    names, measured, limits = bench.speed_series(performances, per_call)
+    assert names == list(performances)
+    assert limits[-1] < measured[-1]
+    fig, ax = plt.subplots()
+    plots.draw_engines(ax, names, measured, limits)
+    grown = cost.grow(config)
+    plots.draw_growth(ax, grown.lengths, grown.seconds, dict.fromkeys(grown.seconds, 1.0))
+    to = report.Report("04_cost", tmp_path)
+    cost.record_engines(performances, grown, (0.1, 0.05), to)
+    to.figure(fig, "growth", timing=True)
+    to.save()
+    timings = report.read_json(tmp_path / "04_cost.timings.json")["values"]
+    results = report.read_json(tmp_path / "04_cost.json")
+    assert timings["engine.fast_all_over_isam2"]["value"] == 2
+    assert results["values"]["engine.nested.bias"]["n"] == 20
+    assert results["figures"] == ["04_cost_growth_timing.pdf"]
+    plt.close(fig)
+    cost.print_bench(config)
+    assert "fast path" in capsys.readouterr().out
+
+
+def test_refining_all_windows_by_the_fast_path_is_cheap():
+    seconds, isam2 = cost.exhaustive_fast(cost.Config())
+    assert isam2 > 0
+    assert seconds < 0.5
+
+
+def test_growth_measures_what_it_says(engines):
+    config, _ = engines
+    grown = bench.growth(
+        config.lengths, config.part(world.Scenario), graph.PRESETS["B"], config.seed
+    )  # fmt: skip
+    assert set(grown.seconds) == set(bench.GROWTH)
+    assert all((seconds > 0).all() for seconds in grown.seconds.values())
+    assert grown.largest_error < 1e-9
+    table = bench.growth_table(grown)
+    assert table.shape == (5, 4)
+    assert np.isnan(bench.Growth(np.array([3, 4]), {"a": np.array([1.0, np.nan])}, 0.0).slope("a"))
+
+
+def test_slope_of_a_power_law():
+    lengths = np.array([10, 100, 1000])
+    grown = bench.Growth(lengths, {"square": 3e-6 * lengths**2.0}, 0.0)
+    assert grown.slope("square") == pytest.approx(2)
+
+
+def test_long_worlds_keep_the_step():
+    scenario = world.Scenario()
+    short, long = (
+        bench.long_world(n, scenario, rng=np.random.default_rng(0)) for n in (30, 300)
+    )  # fmt: skip
+    same = simulate(scenario, 0.0, rng=np.random.default_rng(0))
+    assert np.array_equal(short.ranges, same.ranges)
+    steps = [np.linalg.norm(np.diff(w.poses[:, :2], axis=0), axis=1).mean() for w in (short, long)]
+    assert steps[1] == pytest.approx(steps[0], rel=0.01)
+
+
+def test_two_modes_from_one_start_and_from_many():
+    """One start is wrong always; 32 miss a basin of one half once in 2^32."""
+    rng = np.random.default_rng(0)
+    one, _ = bench.two_mode_runs(1, 20, rng=rng)
+    many, _ = bench.two_mode_runs(32, 20, rng=rng)
+    assert np.all((one < 0.1) | (one > 0.9))
+    assert np.all(np.abs(many - 0.5) < 0.1)
+    table = cost.two_mode_table(rng=rng, runs=5)
+    assert table["right"].tolist() == ["0 of 5", "5 of 5"]
+
+
+def test_reference_is_that_of_the_likelihood(noisy):
+    """Against a second reference with other draws, at 5 standard errors."""
+    likelihood = refine.window_likelihood(noisy.solution, 9, 0.5)
+    first, second = (
+        bench.reference(likelihood, noisy.covariances[9], nested.SamplerSettings(), 20_000,
+                        rng=np.random.default_rng(seed))
+        for seed in (0, 1)
+    )  # fmt: skip
+    spread = np.hypot(first.error, second.error)
+    assert abs(first.log_evidence - second.log_evidence) < 5 * spread
+    assert np.allclose(first.variances, second.variances, rtol=0.1)
+
+
+def test_windows_are_spread_over_those_that_may_trigger():
+    assert bench.spread_evenly(4, 28) == [2, 10, 19, 27]
+    assert min(bench.spread_evenly(1, 28)) >= windows.FIRST_ELIGIBLE
+
+
+def test_bad_bench_names_the_parameter():
+    for name, value in {
+        "bench_runs": 1,
+        "bench_windows": 0,
+        "lengths": [2],
+        "bench_p": 2.0,
+    }.items():
+        with pytest.raises(ValueError, match=name):
+            cost.Config(**{name: value})
