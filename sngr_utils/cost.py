@@ -259,6 +259,7 @@ def record(
     to.value("cost.seconds_per_window", seconds.mean(), unit="s", n=len(seconds), timing=True)
     isam2 = np.mean([cost.isam2_seconds for cost in costs.values()])
     to.value("cost.window_over_isam2", seconds.mean() / isam2, ".0f", timing=True)
+    to.value("cost.isam2_seconds", isam2, ".3f", "s", timing=True)
     in_likelihood = calls.mean() * closure.seconds_window / seconds.mean()
     to.value("cost.likelihood_share", 100 * in_likelihood, ".0f", timing=True)
     to.value("closure.loop_over_window", closure.seconds_loop / closure.seconds_window, ".0f",

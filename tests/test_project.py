@@ -16,8 +16,9 @@ MODULES = sorted(paths.PACKAGE.glob("*.py"))
 # The order in which the package's docstring lists the modules; each imports only from above.
 ORDER = [
     "paths", "style", "world", "metrics", "graph", "windows", "nested", "refine", "baseline",
-    "plots", "report", "bimodal", "trigger_sweep", "full_sngr", "cost",
-    "parameters", "run", "verify",
+    "plots", "report", "printed", "contradictions", "rules",
+    "bimodal", "trigger_sweep", "full_sngr", "cost",
+    "parameters", "claims", "verdicts", "verdict_tables", "run", "verify",
 ]  # fmt: skip
 DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost"}
 
