@@ -22,7 +22,7 @@ def judged(results: dict[str, dict]) -> dict[str, list[Row]]:
 def result(by_preset: dict[str, list[Row]]) -> dict:
     """Counts and tables of the verdicts in the form of a notebook's JSON, for `report.latex`."""
     rows = by_preset[claims.read().reading]
-    values = {"claims.reading_n": _count(len(rows))}
+    values = {}
     for kind, name in KINDS.items():
         values[f"claims.{name}.total"] = _count(sum(row.kind == kind for row in rows))
         for preset, judged_rows in by_preset.items():
