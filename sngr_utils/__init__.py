@@ -26,8 +26,14 @@ what stands above it in this list:
 `plots`           ``draw_*(ax, data)``
 `report`          results -> JSON -> LaTeX values and tables
 `bench`           the engines side by side, and the growth with the length of the trajectory
+`printed`         the paper's numbers with the digits it prints
+`contradictions`  where those numbers contradict each other
+`rules`           how a verdict follows from a printed value and ours
 `parameters`      reads ``params/*.yaml`` and checks every value
 `bimodal` ...     one driver per notebook: `bimodal`, `trigger_sweep`, `full_sngr`, `cost`
+`claims`          what the paper claims, from ``paper/claims.yaml``
+`verdicts`        a verdict on every claim
+`verdict_tables`  the verdicts in LaTeX and in the README
 `run`             runs the notebooks headless (used by the Makefile)
 `verify`          re-runs everything and compares it with the committed reference
 ================  =====================================================================

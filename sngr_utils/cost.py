@@ -320,6 +320,7 @@ def record(
         ("closure.all_over_window", closure.seconds_all / closure.seconds_window, ".1f"),
     ):
         to.value(key, value, fmt, timing=True)
+    to.value("cost.isam2_seconds", isam2, ".3f", "s", timing=True)
 
 
 def record_engines(

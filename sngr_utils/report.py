@@ -25,6 +25,8 @@ from sngr_utils import paths
 TIMING = "_timing"  # end of the name of a figure that shows wall clocks
 NONE = "–"  # what a table shows where there is nothing to show
 
+NUMBER_LIST = re.compile(r"\[\s*(?:(?:-?[\d.]+(?:e[+-]?\d+)?|null),?\s*)+\]")
+
 LATEX_CELL = str.maketrans({
     "±": r"$\pm$", "×": r"$\times$", "–": "--", "−": "$-$", "σ": r"$\sigma$", "τ": r"$\tau$",
     "Δ": r"$\Delta$", "µ": r"$\mu$", "%": r"\%", "&": r"\&", "_": r"\_", "#": r"\#",
@@ -86,7 +88,9 @@ class Report:
         self.notebook = notebook
         self.output_dir = Path(output_dir)
         self.output_dir.mkdir(parents=True, exist_ok=True)
-        self._results = {"notebook": notebook, "values": {}, "tables": {}, "figures": []}
+        self._results = {
+            "notebook": notebook, "values": {}, "samples": {}, "tables": {}, "figures": []
+        }  # fmt: skip
         self._timings = {"notebook": notebook, "values": {}, "tables": {}}
 
     def value(
@@ -118,6 +122,28 @@ class Report:
             entry["standard_error"] = _or_null(error)
         entry["tolerance"] = _tolerance(entry, within)
         (self._timings if timing else self._results)["values"][key] = entry
+
+    def sample(self, key: str, values: Sequence[float], fmt: str = ".2f", unit: str = "") -> None:
+        """Hand on one number per world, with their mean and its standard error.
+
+        Parameters
+        ----------
+        key : as in `value`; the paper may print it as mean and standard error
+        values : (n,) one per world, in the order of the seeds; NaN where undefined. Mean and
+            error are those of the defined ones, n counts all
+        """
+        defined = [value for value in values if not math.isnan(value)]
+        entry = {
+            "value": _or_null(np.mean(defined)) if defined else None,
+            "format": fmt, "unit": unit, "n": len(values),
+            "standard_error": _or_null(standard_error(defined)) if defined else None,
+            "sample": [_or_null(value) for value in values],
+        }  # fmt: skip
+        digits = _tolerance({**entry, "standard_error": None}, None)
+        spread = 3 * (entry["standard_error"] or 0)
+        # worlds that are all alike leave a standard error of rounding, which no rerun can meet
+        entry["tolerance"] = _tolerance(entry, None) if spread > digits["size"] else digits
+        self._results["samples"][key] = entry
 
     def table(self, name: str, frame: pd.DataFrame, timing: bool = False) -> HTML:
         """Hand on a whole table of preformatted cells; returns it, for display."""
@@ -163,8 +189,15 @@ def _or_null(value: float) -> float | None:
 
 
 def write_json(path: Path, content: dict) -> None:
-    """Write JSON that diffs well, with all digits."""
-    path.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    """Write JSON that diffs well, with all digits; a list of numbers stays on one line."""
+    text = json.dumps(content, indent=1, ensure_ascii=False)
+    text = NUMBER_LIST.sub(lambda found: " ".join(found[0].split()), text)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def entries(result: dict) -> dict[str, dict]:
+    """All that a notebook's JSON hands on under a key: its values, and its samples if any."""
+    return {**result["values"], **result.get("samples", {})}
 
 
 def read_json(path: Path) -> dict:
@@ -183,7 +216,7 @@ def latex(results: Sequence[dict], timings: Sequence[dict] = ()) -> dict[str, st
     for file, group in (("values.tex", results), ("timings.tex", timings)):
         lines = []
         for result in group:
-            for key, entry in result["values"].items():
+            for key, entry in [*result["values"].items(), *result.get("samples", {}).items()]:
                 if key in taken:
                     raise ValueError(f"value {key!r} of {result['notebook']} is already taken")
                 taken.add(key)
@@ -210,7 +243,10 @@ def latex_value(entry: dict) -> str:
 
 
 def latex_table(table: dict) -> str:
-    """A whole booktabs tabular, the first column left-aligned, grouped heads spanning columns."""
+    """A whole booktabs tabular, grouped heads spanning columns.
+
+    The first column is left-aligned and the others centred, unless the table says its "align".
+    """
     columns = [tuple(cell.translate(LATEX_CELL) for cell in head) for head in table["columns"]]
     rows = [[cell.translate(LATEX_CELL) for cell in row] for row in table["rows"]]
     frame = pd.DataFrame(rows)
@@ -219,6 +255,7 @@ def latex_table(table: dict) -> str:
         if len(columns[0]) > 1
         else pd.Index([head[0] for head in columns])
     )
+    align = table.get("align", "l" + "c" * (len(columns) - 1))
     return frame.style.hide(axis="index").to_latex(
-        hrules=True, multicol_align="c", column_format="l" + "c" * (len(columns) - 1)
+        hrules=True, multicol_align="c", column_format=align
     )

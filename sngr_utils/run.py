@@ -25,7 +25,7 @@ from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError, DeadKernelError
 from papermill.exceptions import PapermillExecutionError
 
-from sngr_utils import paths, report
+from sngr_utils import claims, paths, report, verdict_tables
 from sngr_utils.parameters import (
     OUTPUT_DIR,
     ProjectError,
@@ -261,11 +261,11 @@ def tidy(notebook: nbformat.NotebookNode) -> None:
 
 
 def write_latex() -> None:
-    """Write ``paper/generated`` from the results of all notebooks.
+    """Write ``paper/generated`` from the results of all notebooks, with the verdicts they give.
 
     Raises
     ------
-    ProjectError : a notebook's results are missing or stale
+    ProjectError : a notebook's results are missing or stale, or lack what a claim needs
     """
     results, timings = [], []
     for name in notebook_names():
@@ -275,9 +275,11 @@ def write_latex() -> None:
         clocks = paths.RESULTS / f"{name}.timings.json"
         if clocks.exists():
             timings.append(report.read_json(clocks))
+    judged = verdict_tables.judged(verdict_tables.results_in(paths.RESULTS))
     folder = paths.PAPER / "generated"
     folder.mkdir(exist_ok=True)
-    files = report.latex(results, timings)
+    files = report.latex([*results, verdict_tables.result(judged)], timings)
+    files["claims_full.tex"] = verdict_tables.chunks(judged[claims.read().reading])
     for old in folder.iterdir():
         if old.name not in files:
             old.unlink()

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from sngr_utils import paths, report
-from sngr_utils.parameters import notebook_names
+from sngr_utils import paths, report, verdict_tables
+from sngr_utils.parameters import ProjectError, notebook_names
 
 
 @dataclass(frozen=True)
@@ -36,19 +36,20 @@ class Comparison:
 
 
 def compare_values(reference: dict[str, dict], now: dict[str, dict]) -> list[Comparison]:
-    """Compare two mappings of key -> entry as `report.Report.value` writes them.
+    """Compare two mappings of key -> entry as `report.Report.value` and `sample` write them.
 
-    A key that only one of them has is a breach, and so is a value that only one knows. The
-    tolerance is the reference's.
+    A key that only one of them has is a breach, and so is a value that only one knows, or a
+    sample of another size. The tolerance is the reference's; of a sample the mean is compared.
     """
     rows = []
     for key in sorted(reference.keys() | now.keys()):
         old, new = reference.get(key, {}), now.get(key, {})
         tolerance = old.get("tolerance", {"kind": "exact", "size": 0})
         before, after = old.get("value"), new.get("value")
-        if key in reference and key in now and before is None and after is None:
+        both = key in reference and key in now and _size(old) == _size(new)
+        if both and before is None and after is None:
             deviation = 0.0
-        elif before is None or after is None:
+        elif not both or before is None or after is None:
             deviation = math.inf
         else:
             deviation = abs(after - before)
@@ -56,6 +57,10 @@ def compare_values(reference: dict[str, dict], now: dict[str, dict]) -> list[Com
                 deviation /= old["standard_error"]
         rows.append(Comparison(key, before, after, tolerance["kind"], tolerance["size"], deviation))
     return rows
+
+
+def _size(entry: dict) -> int | None:
+    return len(entry["sample"]) if "sample" in entry else None
 
 
 def table(rows: list[Comparison]) -> str:
@@ -83,7 +88,7 @@ def compare(folder: Path) -> int:
     """Compare the results below `folder` with the reference, print the table, return breaches."""
     rows = []
     for name in notebook_names():
-        now = report.read_json(folder / name / f"{name}.json")["values"]
+        now = report.entries(report.read_json(folder / name / f"{name}.json"))
         path = paths.REFERENCE / f"{name}.json"
         rows += compare_values(report.read_json(path) if path.exists() else {}, now)
     breaches = sum(not row.holds for row in rows)
@@ -93,16 +98,26 @@ def compare(folder: Path) -> int:
 
 
 def adopt() -> None:
-    """Make the published results the reference."""
+    """Make the published results the reference, and count their verdicts in the README.
+
+    Wall clocks are not compared, but a few verdicts rest on a ratio of them: they come along.
+    """
+    verdict_tables.update_readme(verdict_tables.results_in(paths.RESULTS))
     paths.REFERENCE.mkdir(exist_ok=True)
     for name in notebook_names():
-        values = report.read_json(paths.RESULTS / f"{name}.json")["values"]
-        report.write_json(paths.REFERENCE / f"{name}.json", values)
+        for kind in ("", ".timings"):
+            source = paths.RESULTS / f"{name}{kind}.json"
+            if source.exists() or not kind:
+                entries = report.entries(report.read_json(source))
+                report.write_json(paths.REFERENCE / source.name, entries)
 
 
 if __name__ == "__main__":
     if sys.argv[1:] == ["adopt"]:
-        adopt()
+        try:
+            adopt()
+        except ProjectError as error:
+            sys.exit(f"error: {error}")
     elif sys.argv[1:] == ["compare"]:
         sys.exit(1 if compare(paths.BUILD / "verify") else 0)
     else:

@@ -18,8 +18,9 @@ MODULES = sorted(paths.PACKAGE.glob("*.py"))
 ORDER = [
     "paths", "style", "jit", "world", "metrics", "graph", "windows", "information", "chain",
     "nested", "compiled", "compiled_nested", "compiled_walk", "importance", "engines", "refine",
-    "baseline", "sweeps", "robust", "plots", "report", "bench",
-    "parameters", "bimodal", "trigger_sweep", "full_sngr", "cost", "run", "verify",
+    "baseline", "sweeps", "robust", "plots", "report", "bench", "printed", "contradictions",
+    "rules", "parameters", "bimodal", "trigger_sweep", "full_sngr", "cost",
+    "claims", "verdicts", "verdict_tables", "run", "verify",
 ]  # fmt: skip
 DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost"}
 

@@ -78,3 +78,21 @@ def test_printed_values_hold_the_slips_as_printed():
     seed3 = printed["per_seed_p0.3"][3]
     assert (seed3["triggered"], seed3["tp"], seed3["fp"]) == (10, 10, 2)
     assert printed["tau_sensitivity"][3.92]["noisy_p0.3"] == 21
+
+
+def test_a_sample_keeps_its_worlds_and_prints_its_mean(tmp_path):
+    to = report.Report("05_x", tmp_path)
+    to.sample("s", [1.0, 3.0, math.nan], unit="m")
+    to.save()
+    path = tmp_path / "05_x.json"
+    result = report.read_json(path)
+    assert result["samples"]["s"]["sample"] == [1.0, 3.0, None]
+    assert "[ 1.0, 3.0, null ]" in path.read_text()  # on one line
+    assert result["samples"]["s"]["n"] == 3
+    assert r"\csname res@s\endcsname{2.00 $\pm$ 1.00~m}" in report.latex([result])["values.tex"]
+    result["values"]["s"] = result["samples"]["s"]
+    with pytest.raises(ValueError, match="already taken"):
+        report.latex([result])
+    del result["values"]["s"], result["samples"]  # a result from before there were samples
+    assert report.entries(result) == {}
+    assert report.latex([result])["values.tex"] == "\n"

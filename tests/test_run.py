@@ -11,9 +11,19 @@ import nbformat
 import pytest
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 
-from sngr_utils import parameters, paths, report, run
+from sngr_utils import claims, parameters, paths, report, run
 
 NAME = "01_bimodal"
+CLAIMS = f"""
+reading: C
+why_this_reading: there is nothing to read
+numbers:
+- {{id: seed, printed: baseline/0.0/triggered, what: a, where: b, ours: seed, rule: deterministic,
+   notebook: {NAME}, cell: c}}
+prose:
+- {{id: small, where: b, says: the seed is small, ours: seed, at_most: 9, rule: value,
+   notebook: {NAME}, cell: c}}
+"""
 BODY = """
 from sngr_utils import report
 import matplotlib.pyplot as plt
@@ -35,6 +45,8 @@ def project(tmp_path, monkeypatch):
         shutil.copy(paths.PARAMS / f"{NAME}.yaml", tmp_path / folder)
     (tmp_path / "paper").mkdir()
     shutil.copy(paths.PRINTED_VALUES, tmp_path / "paper")
+    (tmp_path / "paper/claims.yaml").write_text(CLAIMS)
+    claims.read.cache_clear()
     shutil.copy(paths.LOCK, tmp_path)
     (tmp_path / "notebooks").mkdir()
     real, root = parameters.read_notebook(NAME), paths.ROOT
@@ -42,7 +54,8 @@ def project(tmp_path, monkeypatch):
         monkeypatch.setattr(paths, name, tmp_path / getattr(paths, name).relative_to(root))
     (declared,) = (c for c in real.cells if "parameters" in c.metadata.get("tags", []))
     write_notebook(tmp_path, declared, BODY)
-    return tmp_path
+    yield tmp_path
+    claims.read.cache_clear()
 
 
 def write_notebook(project, declared, body, extra=""):
@@ -148,7 +161,14 @@ def test_run_publish_and_freshness(project, capsys):
         run.write_latex()
     run.run_notebook(NAME)
     run.write_latex()
-    assert "{5.00}" in (paths.PAPER / "generated/values.tex").read_text()
+    written = (paths.PAPER / "generated/values.tex").read_text()
+    assert "{5.00}" in written
+    assert r"res@claims.numbers.not_reproduced\endcsname{1}" in written  # 5, where 0 is printed
+    assert "not reproduced" in (paths.PAPER / "generated/claims_full.tex").read_text()
+    (project / "paper/claims.yaml").write_text(CLAIMS.replace("ours: seed", "ours: absent"))
+    claims.read.cache_clear()
+    with pytest.raises(parameters.ProjectError, match="needs 'absent', which no notebook"):
+        run.write_latex()
 
 
 def test_damaged_or_edited_results_are_made_again(project):

@@ -1,6 +1,16 @@
+import math
+
 import pytest
 
-from sngr_utils import bimodal, parameters, paths, report, trigger_sweep, verify
+from sngr_utils import (
+    bimodal,
+    parameters,
+    paths,
+    report,
+    trigger_sweep,
+    verdict_tables,
+    verify,
+)
 
 
 def entry(value, kind, size, error=None):
@@ -50,6 +60,37 @@ def test_default_tolerances(tmp_path):
     }
 
 
+def sampled(values, tmp_path, fmt=".2f"):
+    to = report.Report("x", tmp_path)
+    to.sample("k", values, fmt)
+    to.save()
+    return report.entries(report.read_json(tmp_path / "x.json"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "holds"),
+    [
+        ([0.0, 1.0, 2.0], [0.1, 1.1, 2.1], True),
+        ([0.0, 1.0, 2.0], [1.7, 2.7, 3.7], True),  # 3 standard errors are 1.73
+        ([0.0, 1.0, 2.0], [1.8, 2.8, 3.8], False),
+        ([0.0, 1.0, 2.0], [0.0, 1.0, 2.0, 1.0], False),  # another number of worlds
+        ([0.1, 0.1, 0.1], [0.1, 0.1, 0.1 + 1e-15], True),
+        ([math.nan, 1.0, 2.0], [1.5, 1.0, 2.0], True),
+        ([math.nan, math.nan], [math.nan, math.nan], True),
+        ([math.nan, math.nan], [math.nan, 1.0], False),
+    ],
+)
+def test_samples_are_compared_by_mean_and_size(tmp_path, old, new, holds):
+    (row,) = verify.compare_values(sampled(old, tmp_path), sampled(new, tmp_path))
+    assert row.holds is holds
+
+
+def test_counts_alike_in_all_worlds_must_stay_so(tmp_path):
+    zeros, one = ([0.0] * 30, [0.0] * 29 + [1.0])
+    rows = verify.compare_values(sampled(zeros, tmp_path, ".0f"), sampled(one, tmp_path, ".0f"))
+    assert not rows[0].holds
+
+
 def sweep_values(tmp_path, **changes):
     to = report.Report("02_trigger_sweep", tmp_path)
     trigger_sweep.record(trigger_sweep.run(trigger_sweep.Config(**changes)), to)
@@ -70,11 +111,17 @@ def test_compare_and_adopt_on_folders(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(verify, "notebook_names", lambda: ["01_bimodal"])
     monkeypatch.setattr(paths, "REFERENCE", tmp_path / "reference")
     monkeypatch.setattr(paths, "RESULTS", tmp_path / "verify/01_bimodal")
+    monkeypatch.setattr(verdict_tables, "update_readme", lambda results: seen.update(results))
+    seen = {}
     to = report.Report("01_bimodal", tmp_path / "verify/01_bimodal")
     bimodal.record(bimodal.run(bimodal.Config(n_repeats=2)), to)
+    to.sample("worlds", [1.0, 2.0])
+    to.value("clock", 3.0, timing=True)
     to.save()
     assert verify.compare(tmp_path / "verify") > 0  # no reference yet
     verify.adopt()
+    assert {"worlds", "clock", "bimodal.sigma_y"} <= seen.keys()
+    assert set(report.read_json(tmp_path / "reference/01_bimodal.timings.json")) == {"clock"}
     assert verify.compare(tmp_path / "verify") == 0
     assert "0 outside their tolerance" in capsys.readouterr().out
 

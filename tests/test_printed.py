@@ -1,0 +1,135 @@
+"""Printed digits, and contradictions found and not invented."""
+
+import pytest
+
+from sngr_utils import printed, report
+from sngr_utils.contradictions import contradictions
+
+
+@pytest.fixture
+def numbers():
+    return dict(printed.leaves())
+
+
+def test_digits_survive():
+    four = printed.leaves()["tau_sensitivity", "3.92", "clean"]
+    assert (four.value, four.low, four.high, four.decimals) == (0, -0.5, 0.5, 0)
+    assert printed.number("4.00").decimals == 2
+    assert printed.number("4.00").allows(3.995)
+    assert not printed.number("4.00").allows(3.994)
+    assert printed.number("4").allows(4.4)
+    assert printed.number("-73").allows(-73.5)
+    assert printed.number("null").value is None
+    assert not printed.number("null").allows(0.0)
+    with pytest.raises(ValueError, match="'about 4' is not a number"):
+        printed.number("about 4")
+
+
+def test_the_same_numbers_as_floats():
+    loaded = report.printed_values()
+    for path, number in printed.leaves().items():
+        at = loaded
+        for name in path:
+            at = at[int(name)] if isinstance(at, list) else at[_key(at, name)]
+        assert at == number.value
+
+
+def _key(at, name):
+    return next(key for key in at if str(key) == name or _same_number(key, name))
+
+
+def _same_number(key, name):
+    try:
+        return float(key) == float(name)
+    except ValueError:
+        return False
+
+
+def test_ratio_holds_all_that_rounding_allows():
+    got = printed.ratio(printed.number("336"), printed.number("44"))
+    assert got.value == pytest.approx(336 / 44)
+    assert (got.low, got.high) == pytest.approx((335.5 / 44.5, 336.5 / 43.5))
+    assert printed.ratio(printed.number("336"), printed.number("0")).value is None
+
+
+def test_match():
+    assert printed.match("baseline/{p}/rmse", ("baseline", "0.1", "rmse")) == {"p": "0.1"}
+    assert printed.match("baseline/{p}/rmse", ("baseline", "0.1", "rmse_std")) is None
+    assert printed.match("baseline/{p}", ("baseline", "0.1", "rmse")) is None
+
+
+def found(numbers):
+    return {
+        ("/".join(path), c.relation) for c in contradictions(numbers) for path in c.paths or [()]
+    }
+
+
+def test_what_the_paper_contradicts_and_nothing_else(numbers):
+    assert found(numbers) == {
+        ("bimodal/error_from_mode_ns", "distance"),  # 0.0165 m by its own coordinates
+        ("per_seed_p0.3/3/triggered", "counts"),
+        ("per_seed_p0.3/3/tp", "counts"),
+        ("per_seed_p0.3/3/fp", "counts"),
+        ("per_seed_p0.3/3/recall", "recall"),  # 10/23
+        ("baseline/0.4/recall", "recall"),  # no share of 26 windows rounds to it
+        ("diagnostics_p0.2/delta_logp_range/1", "largest gain"),
+        ("diagnostics_p0.2/delta_logp_max_in_conclusion", "largest gain"),
+        ("", "precision one"),
+        ("", "choice of tau"),
+    }
+
+
+# what would repair each contradiction
+REPAIRS = {
+    "bimodal/error_from_mode_ns": "0.016",
+    "per_seed_p0.3/3/triggered": "12",
+    "per_seed_p0.3/3/recall": "0.43",
+    "baseline/0.4/recall": "0.88",
+    "baseline/0.4/precision": "1.00",
+    "diagnostics_p0.2/delta_logp_max_in_conclusion": "5.04",
+    "tau_sensitivity/3.92/noisy_p0.3": "15",
+}
+
+
+def repaired(numbers):
+    for path, text in REPAIRS.items():
+        numbers[tuple(path.split("/"))] = printed.number(text)
+    # with a precision of 1 all 24 alarms are right
+    numbers["baseline", "0.4", "recall"] = printed.number("0.92")
+    return numbers
+
+
+def test_consistent_numbers_are_not_flagged(numbers):
+    assert found(repaired(numbers)) == set()
+
+
+@pytest.mark.parametrize(
+    ("path", "text", "flagged"),
+    [
+        ("bimodal/delta_logp", "12.52", "gain"),
+        ("bimodal/error_from_mode_map", "2.230", "distance"),
+        ("per_seed_p0.3/1/precision", "0.97", "precision"),
+        ("per_seed_p0.3/2/recall", "null", "recall"),
+        ("baseline/0.2/recall", "0.20", "recall"),
+        ("baseline/0.3/triggered", "27", "eligible"),
+        ("sngr/0.2/precision", "0.98", "precision"),  # 13.7 of 14 windows
+        ("sngr/0.3/recall", "0.88", "recall"),
+        ("cost/0.0/triggered", "5", "repeated"),
+        ("tau_sensitivity/4.00/noisy_p0.3", "15", "monotone"),
+        ("cost/0.0/saving", "7.4", "saving"),
+        ("cost/0.1/saving", "1.0", "saving"),
+        ("cost/0.2/refine", "180", "seconds per window"),
+        ("cost/0.1/refine", "9", "seconds per window"),
+        ("cost/0.0/exhaustive", "400", "seconds per window"),
+    ],
+)
+def test_each_relation_can_be_violated(numbers, path, text, flagged):
+    numbers = repaired(numbers)
+    numbers[tuple(path.split("/"))] = printed.number(text)
+    assert flagged in {relation for _, relation in found(numbers)}
+
+
+def test_rounding_explains_175_seconds_for_14_windows(numbers):
+    """12.5 s per window beside "11 to 12": 174.6 s would do, so it is no contradiction."""
+    assert numbers["cost", "0.2", "refine"].value == 175
+    assert "seconds per window" not in {relation for _, relation in found(numbers)}

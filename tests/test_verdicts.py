@@ -1,0 +1,207 @@
+"""The claims table: complete, computed, and hooked into the paper and the README."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from sngr_utils import claims, parameters, paths, printed, report, rules, verdict_tables, verdicts
+
+VALUES = {  # handed on as single values; all other keys are samples
+    "bimodal.map_x", "bimodal.map_y", "bimodal.loglik_saddle_as_printed", "bimodal.map_distance",
+    "cost.isam2_seconds", "cost.window_over_isam2",
+}  # fmt: skip
+N = 30
+
+
+def value(number):
+    return {"value": number, "format": ".2f", "unit": "", "n": 1}
+
+
+def sample(values):
+    values = np.array(values, dtype=float)
+    return {
+        "value": float(np.nanmean(values)),
+        "standard_error": float(np.nanstd(values) / math.sqrt(len(values))),
+        "n": len(values),
+        "sample": [None if math.isnan(v) else float(v) for v in values],
+    }
+
+
+@pytest.fixture
+def results():
+    """Made-up results for every key: log-normal worlds, so that verdicts of most kinds occur."""
+    rng = np.random.default_rng(5)
+    keys = {key for preset in claims.PRESETS for key in claims.needed(preset)}
+    return {
+        key: value(2.0) if key in VALUES else sample(rng.lognormal(size=N)) for key in sorted(keys)
+    }
+
+
+def row(results, claim, preset=None):
+    (found,) = [row for row in verdicts.evaluate(results, preset) if row.id == claim]
+    return found
+
+
+def test_every_printed_number_is_judged_exactly_once():
+    judged = [path for entry in claims.read().numbers for path in entry.leaves()]
+    assert sorted(judged) == sorted(printed.leaves())
+    assert len(judged) > 130
+
+
+def test_entries_are_sound():
+    entries = [*claims.read().numbers, *claims.read().prose]
+    names = [entry.id for entry in entries]
+    assert len(set(names)) == len(names)
+    relations = {clash.relation for clash in verdicts.contradictions(printed.leaves())}
+    for entry in claims.read().prose:
+        assert (entry.share is not None) == (entry.rule == "share"), entry.id
+        assert entry.contradicted_by is None or entry.contradicted_by in relations, entry.id
+        bounded = {entry.above, entry.at_least, entry.at_most} != {-math.inf, math.inf}
+        assert bounded == (entry.rule != "rises"), entry.id
+        for text in (entry.ours, entry.minus or ""):
+            assert ("{p}" in text) == (bool(text) and entry.p != [""]), entry.id
+
+
+def test_stated_trends_are_those_of_the_printed_numbers():
+    for entry in claims.read().numbers:
+        if entry.trend:
+            series = [entry.compared(*leaf).value for leaf in entry.leaves().items()]
+            known = [value for value in series if value is not None]
+            assert (known[-1] > known[0]) == (entry.trend == "rises"), entry.id
+            assert "{p}" in entry.ours, entry.id
+
+
+def test_the_cell_that_decides_exists():
+    for entry in [*claims.read().numbers, *claims.read().prose]:
+        if (paths.NOTEBOOKS / f"{entry.notebook}.ipynb").exists():
+            cells = parameters.read_notebook(entry.notebook).cells
+            tagged = [cell for cell in cells if entry.cell in cell.metadata.get("tags", [])]
+            assert len(tagged) == 1, (entry.notebook, entry.cell)
+        else:
+            assert entry.notebook == "05_audit"  # the only one that may be on its way
+
+
+def test_each_row_has_a_verdict_of_the_five(results):
+    rows = verdicts.evaluate(results)
+    assert {row.verdict for row in rows} <= set(rules.VERDICTS)
+    total = sum(sum(verdicts.counts(rows, kind).values()) for kind in ("number", "prose"))
+    assert total == len(rows) == len(printed.leaves()) + len(claims.read().prose)
+    assert len({row.id for row in rows}) == len(rows)
+    assert verdicts.counts(rows, "number")["not comparable"] == 4  # the clock alone
+
+
+def test_verdicts_follow_the_results(results):
+    nees = "audit.C.p0.1.nees"
+    results[nees] = sample(np.linspace(100, 200, N))  # printed: 148.52
+    assert row(results, "nees.p0.1").verdict == "reproduced"
+    results[nees] = sample(np.linspace(1, 2, N))
+    results["audit.C.p0.nees"] = sample(np.linspace(0, 1, N))
+    results["audit.C.p0.4.nees"] = sample(np.linspace(50, 60, N))
+    assert row(results, "nees.p0.1").verdict == "trend reproduced"
+    results["audit.C.p0.4.nees"] = results["audit.C.p0.nees"]
+    assert row(results, "nees.p0.1").verdict == "not reproduced"
+    assert row(results, "nees.p0.1").ours == "1.50 ± 0.05"
+
+
+def test_contradiction_overrides_agreement(results):
+    results["audit.C.p0.4.tau3.96.recall"] = sample(np.full(N, 0.89))
+    assert row(results, "recall.p0.4").verdict == "cannot hold"
+    assert row(results, "recall.p0.4").why == "the row gives 23/26"
+    for p in ("0.2", "0.3", "0.4"):
+        results[f"audit.C.p{p}.tau3.96.precision"] = sample(np.ones(N))
+    assert row(results, "precision-one").verdict == "cannot hold"
+    assert row(results, "precision-one").ours == "30 of 30 [0.88, 1.00]"
+
+
+def test_seconds_are_judged_by_ratios(results):
+    results["cost.window_over_isam2"] = value(600.0)
+    assert row(results, "exhaustive-seconds.p0.2").verdict == "reproduced"
+    assert row(results, "exhaustive-seconds.p0.2").printed == "336 (600)"
+    results["audit.C.p0.1.saving"] = sample(np.r_[math.nan, np.ones(N - 1)])
+    silent = row(results, "refine-seconds.p0.1")  # printed: no window refined, 0 s
+    assert (silent.printed, silent.verdict, silent.n) == ("0", "reproduced", "29 of 30")
+    assert row(results, "isam2-seconds.p0.0").verdict == "not comparable"
+
+
+def test_prose_is_judged_world_by_world(results):
+    key = "audit.C.p0.tau3.92.triggered"
+    results[key] = sample(np.r_[np.zeros(28), 3, 4])
+    assert row(results, "no-false-alarm").verdict == "trend reproduced"
+    results[key] = sample(np.zeros(N))
+    assert row(results, "no-false-alarm").verdict == "reproduced"
+    before, after = np.linspace(1, 2, N), np.linspace(1, 2, N) * 1.04
+    for p in ("0.2", "0.3"):
+        results[f"audit.C.p{p}.pose_rmse"] = sample(before)
+        results[f"audit.C.p{p}.sngr_pose_rmse"] = sample(after)
+    assert row(results, "rmse-unchanged").verdict == "reproduced"
+    results["audit.C.p0.3.sngr_pose_rmse"] = sample(after * 1.02)  # at each p, or it fails
+    assert row(results, "rmse-unchanged").verdict == "not reproduced"
+    results["audit.C.p0.1.tau3.96.recall"] = sample(np.r_[np.full(5, math.nan), np.zeros(25)])
+    assert row(results, "blind-spot").ours == "25 of 25 [0.86, 1.00]"
+    assert row(results, "saddle").verdict == "not reproduced"
+    results["bimodal.map_y"] = value(1e-17)
+    assert row(results, "saddle").verdict == "reproduced"
+
+
+def test_the_reading_is_that_of_the_yaml_and_the_others_differ(results):
+    results["audit.A.p0.1.nees"] = sample(np.full(N, 148.52))
+    assert claims.read().reading == "C"
+    assert row(results, "nees.p0.1", "A").verdict == "reproduced"
+    assert row(results, "nees.p0.1").verdict != "reproduced"
+
+
+def test_missing_results_are_named(results):
+    del results["audit.C.p0.1.nees"]
+    with pytest.raises(parameters.ProjectError, match=r"'audit\.C\.p0\.1\.nees', which no note"):
+        verdicts.evaluate(results)
+    results["audit.C.p0.1.nees"] = sample(np.ones(19))
+    with pytest.raises(parameters.ProjectError, match=r"claim 'nees': 19 worlds"):
+        verdicts.evaluate(results)
+    results["audit.C.p0.1.nees"] = value(1.0)
+    with pytest.raises(parameters.ProjectError, match="must be a sample"):
+        verdicts.evaluate(results)
+
+
+def test_tables_for_latex(results):
+    judged = verdict_tables.judged(results)
+    made = verdict_tables.result(judged)
+    files = report.latex([made])
+    rows = judged["C"]
+    n = verdicts.counts(rows, "number")["reproduced"]
+    assert rf"res@claims.numbers.reproduced\endcsname{{{n}}}" in files["values.tex"]
+    assert made["values"]["claims.numbers.total"]["value"] == len(printed.leaves())
+    tally = np.array([line[6:] for line in made["tables"]["claims_groups"]["rows"]], dtype=int)
+    assert tally.sum() == len(printed.leaves())
+    assert files["tab_claims_prose.tex"].count(r"\\") == len(claims.read().prose) + 1
+    full = verdict_tables.chunks(rows)
+    pages = math.ceil(len(rows) / verdict_tables.ROWS_PER_PAGE)
+    assert full.count(r"\begin{table*}") == full.count(r"\bottomrule") == pages
+    assert full.count("claim-") == len(rows)
+    assert not re.search(r"(?<!\\)[_%#]", full)
+
+
+def test_readme_block_is_written_between_its_markers(results, tmp_path, monkeypatch):
+    monkeypatch.setattr(paths, "README", tmp_path / "README.md")
+    blocks = f"{verdict_tables.BEGIN}\nold\n{verdict_tables.END}"
+    paths.README.write_text(f"before\n{blocks}\nafter\n")
+    for _ in range(2):  # writing it again changes nothing
+        verdict_tables.update_readme(results)
+        text = paths.README.read_text()
+        block = verdict_tables.readme_block(verdict_tables.judged(results))
+        assert text == f"before\n{block}\nafter\n"
+    assert "| numbers, preset C (our reading) |" in block
+    paths.README.write_text("no markers")
+    with pytest.raises(parameters.ProjectError, match="lacks the lines"):
+        verdict_tables.update_readme(results)
+
+
+def test_the_readme_has_the_verdicts_of_the_committed_reference():
+    text = paths.README.read_text(encoding="utf-8")
+    assert verdict_tables.BEGIN in text
+    assert verdict_tables.END in text
+    if not (paths.NOTEBOOKS / "05_audit.ipynb").exists():
+        pytest.skip("no audit yet")
+    judged = verdict_tables.judged(verdict_tables.results_in(paths.REFERENCE))
+    assert verdict_tables.readme_block(judged) in text
