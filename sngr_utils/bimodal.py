@@ -128,10 +128,10 @@ class Result:
     map, best : (2,) the iSAM2 estimate, and the nested sample of highest likelihood
     loglik_map, loglik_best : local log-likelihoods there
     covariance : (2, 2) marginal covariance at the iSAM2 estimate
-    run : the nested sampling run (the first of the repeats)
     samples, weights : (N, 2) positions and (N,) posterior weights
-    upper_masses : (n_repeats,) posterior mass at y > 0 in runs that differ in their random
-        stream only; the first belongs to `run`
+    runs : n_repeats nested sampling runs that differ in their random stream only; the first is
+        `run`
+    upper_masses : (n_repeats,) posterior mass at y > 0 in each of them
     resampled_error : what resampling `run` alone says the error of its mass is
     """
 
@@ -141,11 +141,16 @@ class Result:
     loglik_map: float
     loglik_best: float
     covariance: np.ndarray
-    run: nested.NestedRun
+    runs: list[nested.NestedRun]
     samples: np.ndarray
     weights: np.ndarray
     upper_masses: np.ndarray
     resampled_error: float
+
+    @property
+    def run(self) -> nested.NestedRun:
+        """The first of the repeated runs, which the figures show."""
+        return self.runs[0]
 
     @property
     def upper_mass(self) -> float:
@@ -192,7 +197,7 @@ def run(config: Config, at: np.ndarray | None = None) -> Result:
         loglik_map=likelihood(np.zeros(2)),
         loglik_best=likelihood(first.best),
         covariance=covariance,
-        run=first,
+        runs=runs,
         samples=position + first.samples,
         weights=first.weights,
         upper_masses=np.array([upper_mass(run.results, height) for run in runs]),
@@ -279,6 +284,26 @@ def comparison_table(result: Result) -> pd.DataFrame:
     )  # fmt: skip
 
 
+def repeated(result: Result) -> dict[str, tuple[list[float], str]]:
+    """What a run reports, for each of the repeated runs: name -> ((n_repeats,) values, unit)."""
+    bests = [result.map + run.best for run in result.runs]
+    loglik = [float(run.log_likelihoods.max()) for run in result.runs]
+    heights = [result.map[1] + run.samples[:, 1] for run in result.runs]
+    return {
+        "best_x": ([float(best[0]) for best in bests], "m"),
+        "best_abs_y": ([abs(float(best[1])) for best in bests], "m"),
+        "best_distance": ([result.mode_distance(best) for best in bests], "m"),
+        "loglik_best": (loglik, "nats"),
+        "gains": ([value - result.loglik_map for value in loglik], "nats"),
+        "sigmas_y": ([float(np.sqrt(run.covariance[1, 1])) for run in result.runs], "m"),
+        "bimodalities": (
+            [metrics.bimodality_coefficient(y, run.weights)
+             for y, run in zip(heights, result.runs, strict=True)], "",
+        ),
+        "upper_masses": (list(map(float, result.upper_masses)), ""),
+    }  # fmt: skip
+
+
 def record(result: Result, to: report.Report) -> None:
     """Hand the experiment's values to the paper."""
     for name, factor in (("as_printed", 0.5), ("correct", 1.0)):
@@ -295,6 +320,11 @@ def record(result: Result, to: report.Report) -> None:
     to.value("bimodal.bimodality", result.bimodality, n=len(result.samples))
     printed_best = np.array(report.printed_values()["bimodal"]["ns_best"])
     to.value("bimodal.printed_distance", result.mode_distance(printed_best), ".4f", "m")
+    for name, value in (("map_x", result.map[0]), ("map_y", result.map[1]),
+                        ("map_distance", result.mode_distance(result.map))):  # fmt: skip
+        to.value(f"bimodal.{name}", value, ".3f", "m")
+    for name, (values, unit) in repeated(result).items():
+        to.sample(f"bimodal.{name}", values, ".3f", unit)
     to.value("bimodal.calls", result.run.calls, ".0f", within=0.05 * result.run.calls)
 
 
