@@ -17,9 +17,14 @@ what stands above it in this list:
 `compiled_nested` a compiled nested sampler
 `compiled_walk`   dynesty with its random walk compiled
 `importance`      the fast path: many-start optimisation and importance sampling
+`laplace`         one window as one Gaussian, with the full Hessian
 `engines`         the four ways to sample a window, behind one call
 `refine`          the paper's algorithm and its trigger-only baseline
 `baseline`        one world, one iSAM2 run, what the trigger makes of it
+`corrected`       the algorithm with its slips mended
+`window_audit`    what a window's posterior is: widths, gains, Gaussianity
+`sampler_audit`   what the sampler's own numbers say: ESS, evidence, mean log weights
+`refined_sweep`   the algorithm, as printed and corrected, over many worlds
 `sweeps`          many worlds: tidy tables, means with errors, paired differences, NEES variants
 `robust`          batch estimates under robust losses, GNC, and with the true associations
 `plots`           ``draw_*(ax, data)``

@@ -16,8 +16,8 @@ MODULES = sorted(paths.PACKAGE.glob("*.py"))
 # The order in which the package's docstring lists the modules; each imports only from above.
 ORDER = [
     "paths", "style", "world", "metrics", "graph", "windows", "information", "chain", "nested",
-    "compiled", "compiled_nested", "compiled_walk", "importance", "engines", "refine",
-    "baseline", "sweeps", "robust", "plots", "report", "bench",
+    "compiled", "compiled_nested", "compiled_walk", "importance", "laplace", "engines",
+    "refine", "baseline", "corrected", "window_audit", "sampler_audit", "refined_sweep", "sweeps", "robust", "plots", "report", "bench",
     "bimodal", "trigger_sweep", "full_sngr", "cost",
     "parameters", "run", "verify",
 ]  # fmt: skip
