@@ -1,4 +1,4 @@
-"""SNGR with its slips mended: the window's posterior itself, a converged base, a gate that knows noise.
+"""SNGR with its slips mended: the window's own posterior, a settled base, a gate that knows noise.
 
 The paper samples the root of the likelihood under a prior that already holds it. Here the
 target is the posterior under all factors, each counted once, as a density in the tangent xi:
@@ -31,7 +31,7 @@ from sngr_utils.baseline import Baseline
 from sngr_utils.graph import Solution
 from sngr_utils.world import Checked, Positive
 
-LONG_WALKS = 200  # steps at which the evidence has no bias that we can measure in 27 dimensions
+LONG_WALKS = 400  # steps at which the evidence has no bias that we can measure in 27 dimensions
 LAPLACE_DRAWS = 2000  # an effective thousand, where nested sampling at 100 live points has 500
 STEP = 1e-3  # of the differences in `expand`, [m] or [rad]
 
@@ -75,8 +75,9 @@ def converge(solution: Solution, how: str = "batch", updates: int = 10) -> Solut
             isam.update()
         estimate = isam.calculateEstimate()
     elif how == "batch":
-        params = gtsam.LevenbergMarquardtParams()
-        params.setMaxIterations(500)
+        # GTSAM's own defaults let lambda underflow to 0, which no factor raises again: a hang
+        params = gtsam.LevenbergMarquardtParams.CeresDefaults()
+        params.setMaxIterations(1000)
         params.setRelativeErrorTol(1e-12)
         params.setAbsoluteErrorTol(1e-9)
         start = solution.estimate

@@ -17,7 +17,8 @@ MODULES = sorted(paths.PACKAGE.glob("*.py"))
 ORDER = [
     "paths", "style", "world", "metrics", "graph", "windows", "information", "chain", "nested",
     "compiled", "compiled_nested", "compiled_walk", "importance", "laplace", "engines",
-    "refine", "baseline", "corrected", "window_audit", "sampler_audit", "refined_sweep", "sweeps", "robust", "plots", "report", "bench",
+    "refine", "baseline", "corrected", "window_audit", "sampler_audit", "refined_sweep",
+    "sweeps", "robust", "plots", "report", "bench",
     "bimodal", "trigger_sweep", "full_sngr", "cost",
     "parameters", "run", "verify",
 ]  # fmt: skip
