@@ -18,6 +18,7 @@ what stands above it in this list:
 `compiled_walk`   dynesty with its random walk compiled
 `importance`      the fast path: many-start optimisation and importance sampling
 `laplace`         one window as one Gaussian, with the full Hessian
+`posterior`       a window's posterior under all factors, each counted once
 `engines`         the four ways to sample a window, behind one call
 `refine`          the paper's algorithm and its trigger-only baseline
 `baseline`        one world, one iSAM2 run, what the trigger makes of it

@@ -116,9 +116,7 @@ def contenders(settings: nested.SamplerSettings) -> list[Contender]:
     return [
         Contender(REFERENCE_ENGINE.replace("100/9", f"{n}/{few}"), settings, looped),
         Contender(f"dynesty {n}/{few}, one call to GTSAM", settings, through("dynesty")),
-        Contender(
-            f"dynesty {n}/{long.min_walks}, compiled walk", long, through("dynesty-compiled")
-        ),
+        Contender(f"dynesty {n}/{long.min_walks}, compiled walk", long, through("dynesty-compiled")),
         Contender(f"compiled nested {n}/{few}", settings, through("nested"), 10),
         Contender(f"compiled nested {n}/{long.min_walks}", long, through("nested"), 10),
         Contender("fast path", settings, through("fast"), 10),
@@ -219,9 +217,7 @@ def speed_table(performances: dict[str, Performance]) -> pd.DataFrame:
         [
             name,
             report.text(1e3 * p.seconds.mean(), ".1f" if p.seconds.mean() > 0.01 else ".2f"),
-            report.text(
-                slowest / p.seconds.mean(), ".1f" if slowest < 10 * p.seconds.mean() else ".0f"
-            ),
+            report.text(slowest / p.seconds.mean(), ".1f" if slowest < 10 * p.seconds.mean() else ".0f"),
             report.text(p.calls.mean(), ".0f"),
             report.text(1e6 * p.seconds.sum() / p.calls.sum(), ".2f"),
             report.text(p.ess.sum() / p.seconds.sum(), ".0f"),

@@ -216,11 +216,7 @@ def find_modes(factors, cholesky, rotated, starts, n_residuals):
     jacobian, x, z, trial = np.empty((d, n_residuals)), np.empty(d), np.empty(d), np.empty(d)
     work = (poses, points, base, moved, jacobian)
     slope, hessian, damped = np.empty(d), np.zeros((d, d)), np.empty((d, d))
-    modes, lowers, masses = (
-        np.empty((MAX_MODES, d)),
-        np.empty((MAX_MODES, d, d)),
-        np.empty(MAX_MODES),
-    )
+    modes, lowers, masses = np.empty((MAX_MODES, d)), np.empty((MAX_MODES, d, d)), np.empty(MAX_MODES)
     found, converged, calls = 0, 0, 0
     for s in range(n):
         z[:] = starts[s]
@@ -354,7 +350,9 @@ def sample(
     n = len(component)
     noise = rng.standard_normal((n, d)) / np.sqrt(rng.chisquare(DEGREES, (n, 1)) / DEGREES)
     spreads = np.linalg.inv(lowers).transpose(0, 2, 1).copy()
-    x, log_likelihoods, ratios = _weigh(factors, cholesky, modes, lowers, spreads, component, noise)
+    x, log_likelihoods, ratios = _weigh(
+        factors, cholesky, modes, lowers, spreads, component, noise
+    )
     log_weights = log_likelihoods + ratios
     top = log_weights.max()
     weights = np.exp(log_weights - top)

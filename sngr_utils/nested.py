@@ -70,7 +70,7 @@ class LocalLikelihood:
         sizes = [3 if isinstance(v, gtsam.Pose2) else 2 for v in self._map]
         self._slices = [slice(e - n, e) for e, n in zip(np.cumsum(sizes), sizes, strict=True)]
         self.dimension = int(sum(sizes))
-
+        
     def variables(self, xi: np.ndarray) -> list[gtsam.Pose2 | np.ndarray]:
         """MAP.retract(xi): the moved variables, in the order of `keys`."""
         return [

@@ -6,7 +6,17 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from sngr_utils import compiled, corrected, engines, laplace, metrics, nested, refine, windows
+from sngr_utils import (
+    compiled,
+    corrected,
+    engines,
+    laplace,
+    metrics,
+    nested,
+    posterior,
+    refine,
+    windows,
+)
 from sngr_utils.baseline import Baseline
 from sngr_utils.graph import Solution
 from sngr_utils.window_audit import window_factors
@@ -89,10 +99,10 @@ def evidence_check(
     one row per window and repeat: difference (nested less importance, [nats]), error (of both
     together), in_errors (their ratio), sd_ratio (nested over importance, geometric mean)
     """
-    pieces, rows = corrected.expand(solution), []
+    pieces, rows = posterior.expand(solution), []
     settings = nested.SamplerSettings(n_live=n_live, min_walks=walks)
     for t in which:
-        aim = corrected.target(solution, t, covariances[t], separators, pieces)
+        aim = posterior.target(solution, t, covariances[t], separators, pieces)
         cholesky = np.linalg.cholesky(scale * aim.covariance)
         reference = laplace.sample(aim.corrected(scale), cholesky, draws, rng=rng)
         if reference is None:

@@ -10,7 +10,17 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from sngr_utils import compiled, corrected, engines, importance, laplace, nested, refine, windows
+from sngr_utils import (
+    compiled,
+    corrected,
+    engines,
+    importance,
+    laplace,
+    nested,
+    posterior,
+    refine,
+    windows,
+)
 from sngr_utils.baseline import Baseline
 from sngr_utils.graph import Solution
 from sngr_utils.importance import find_modes
@@ -105,11 +115,11 @@ def gauss_newton_over_full(solution: Solution) -> pd.DataFrame:
     one row per window: geometric_mean and largest_direction of the ratio of standard
     deviations; NaN if the full Hessian at the estimate is not positive definite
     """
-    full, linear = corrected.expand(solution), corrected.expand(solution, full=False)
+    full, linear = posterior.expand(solution), posterior.expand(solution, full=False)
     rows = []
     for t in range(windows.n_windows(solution.n_poses)):
         keys = windows.window_keys(t)
-        wide, narrow = (corrected.eliminated(pieces, keys)[0] for pieces in (full, linear))
+        wide, narrow = (posterior.eliminated(pieces, keys)[0] for pieces in (full, linear))
         root = np.linalg.inv(np.linalg.cholesky(narrow))
         least = np.linalg.eigvalsh(root @ wide @ root.T)[0]
         sound = np.linalg.eigvalsh(wide)[0] > 0
@@ -188,9 +198,9 @@ def gaussianity(
     error), modes (found by many starts); difference and error NaN where there is no Laplace
     Gaussian or its weights may not be trusted
     """
-    pieces, rows = corrected.expand(solution), []
+    pieces, rows = posterior.expand(solution), []
     for t in which:
-        aim = corrected.target(solution, t, covariances[t], separators, pieces)
+        aim = posterior.target(solution, t, covariances[t], separators, pieces)
         factors, cholesky = aim.corrected(scale), np.linalg.cholesky(scale * aim.covariance)
         found = laplace.laplace(factors, cholesky, np.zeros(len(cholesky)))
         run = laplace.sample(factors, cholesky, draws, rng=rng)

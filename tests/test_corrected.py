@@ -14,6 +14,7 @@ from sngr_utils import (
     laplace,
     metrics,
     nested,
+    posterior,
     refine,
     refined_sweep,
     sampler_audit,
@@ -44,18 +45,18 @@ def test_batch_settles_the_estimate_and_leaves_the_input_alone(noisy):
     assert noisy.solution.isam.calculateEstimate().equals(linearised, 0)
     assert batch.graph.error(batch.estimate) <= before
     assert np.isfinite(more.poses).all()
-    pieces = corrected.expand(batch, full=False)
+    pieces = posterior.expand(batch, full=False)
     keys = list(batch.estimate.keys())
-    matrix, slope = corrected.eliminated(pieces, keys)
+    matrix, slope = posterior.eliminated(pieces, keys)
     assert 0.5 * slope @ np.linalg.solve(matrix, slope) < 1e-4  # nats left to gain
     with pytest.raises(ValueError, match="how is"):
         corrected.converge(noisy.solution, "soon")
 
 
 def test_elimination_gives_gtsams_marginals(noisy):
-    pieces = corrected.expand(noisy.solution, full=False)
+    pieces = posterior.expand(noisy.solution, full=False)
     for t in (0, 5, 27):
-        precision, _ = corrected.eliminated(pieces, windows.window_keys(t))
+        precision, _ = posterior.eliminated(pieces, windows.window_keys(t))
         assert np.allclose(np.linalg.inv(precision), noisy.covariances[t], rtol=1e-6, atol=1e-10)
 
 
@@ -66,7 +67,7 @@ def test_second_order_is_exact_on_priors_and_close_on_ranges():
     values.insert(gtsam.symbol("l", 0), np.array([3.0, 4.0]))
     factors.push_back(graph.range_factor(0, 0, 2.0, 0.1))
     solution = graph.Solution(gtsam.ISAM2(), factors, values, 1, 1)
-    (piece,) = corrected.expand(solution)
+    (piece,) = posterior.expand(solution)
     ray = np.array([0.6, 0.8])
     own = 100 * (np.outer(ray, ray) + 3 / 5 * (np.eye(2) - np.outer(ray, ray)))
     assert np.allclose(piece.quadratic[3:, 3:], own, rtol=1e-7)
@@ -75,8 +76,8 @@ def test_second_order_is_exact_on_priors_and_close_on_ranges():
 
 def test_ends_have_fewer_neighbours(noisy):
     solution = corrected.converge(noisy.solution)
-    pieces = corrected.expand(solution)
-    sizes = [corrected.marginal_target(solution, t, pieces).factors for t in (0, 5, 27)]
+    pieces = posterior.expand(solution)
+    sizes = [posterior.marginal_target(solution, t, pieces).factors for t in (0, 5, 27)]
     assert [int(f.counts[0]) for f in sizes] == [4, 5, 4]
     assert sizes[1].dimension == len(sizes[1].quadratic) <= 27
 
@@ -87,7 +88,7 @@ def test_the_corrected_posterior_of_a_quiet_world_is_the_linear_one(quiet, separ
     a five sigma test of each. Failure probability below 1e-4."""
     base, solution = quiet
     t, keys = 3, windows.window_keys(3)
-    aim = corrected.target(solution, t, base.covariances[t], separators)
+    aim = posterior.target(solution, t, base.covariances[t], separators)
     run = corrected.sample_target(
         aim, 4.0, nested.SamplerSettings(), rng=np.random.default_rng(0)
     )  # fmt: skip
@@ -108,7 +109,7 @@ def test_the_corrected_posterior_of_a_quiet_world_is_the_linear_one(quiet, separ
 
 def test_the_quadratic_divides_the_prior_out(noisy):
     """Prior times corrected likelihood is the target times a constant, at any point."""
-    aim = corrected.conditional_target(noisy.solution, 12, noisy.covariances[12])
+    aim = posterior.conditional_target(noisy.solution, 12, noisy.covariances[12])
     points = np.random.default_rng(0).multivariate_normal(np.zeros(9), aim.covariance, 50)
     prior = -0.5 * np.sum(points * np.linalg.solve(3.0 * aim.covariance, points.T).T, axis=1)
     together = prior + compiled.log_likelihoods(aim.corrected(3.0), points)

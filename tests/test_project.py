@@ -16,8 +16,9 @@ MODULES = sorted(paths.PACKAGE.glob("*.py"))
 # The order in which the package's docstring lists the modules; each imports only from above.
 ORDER = [
     "paths", "style", "world", "metrics", "graph", "windows", "information", "chain", "nested",
-    "compiled", "compiled_nested", "compiled_walk", "importance", "laplace", "engines",
-    "refine", "baseline", "corrected", "window_audit", "sampler_audit", "refined_sweep",
+    "compiled", "compiled_nested", "compiled_walk", "importance", "laplace",
+    "posterior", "engines", "refine", "baseline", "corrected",
+    "window_audit", "sampler_audit", "refined_sweep",
     "sweeps", "robust", "plots", "report", "bench",
     "bimodal", "trigger_sweep", "full_sngr", "cost",
     "parameters", "run", "verify",
@@ -40,8 +41,8 @@ def test_imports_follow_the_documented_order():
             continue
         text = path.read_text(encoding="utf-8")
         imported = set(re.findall(r"^from sngr_utils\.(\w+) import", text, flags=re.M))
-        for names in re.findall(r"^from sngr_utils import (.+)$", text, flags=re.M):
-            imported |= {name.strip() for name in names.split(",")}
+        for names in re.findall(r"^from sngr_utils import (\([^)]*\)|.+)$", text, flags=re.M):
+            imported |= {name.strip() for name in names.strip("()").split(",")} - {""}
         above = ORDER[: ORDER.index(path.stem)]
         assert imported <= set(above), path
         if path.stem in DRIVERS:
