@@ -18,9 +18,15 @@ what stands above it in this list:
 `compiled_nested` a compiled nested sampler
 `compiled_walk`   dynesty with its random walk compiled
 `importance`      the fast path: many-start optimisation and importance sampling
+`laplace`         one window as one Gaussian, with the full Hessian
+`posterior`       a window's posterior under all factors, each counted once
 `engines`         the four ways to sample a window, behind one call
 `refine`          the paper's algorithm and its trigger-only baseline
 `baseline`        one world, one iSAM2 run, what the trigger makes of it
+`corrected`       the algorithm with its slips mended
+`window_audit`    what a window's posterior is: widths, gains, Gaussianity
+`sampler_audit`   what the sampler's own numbers say: ESS, evidence, mean log weights
+`refined_sweep`   the algorithm, as printed and corrected, over many worlds
 `sweeps`          many worlds: tidy tables, means with errors, paired differences, NEES variants
 `robust`          batch estimates under robust losses, GNC, and with the true associations
 `plots`           ``draw_*(ax, data)``
@@ -30,7 +36,8 @@ what stands above it in this list:
 `contradictions`  where those numbers contradict each other
 `rules`           how a verdict follows from a printed value and ours
 `parameters`      reads ``params/*.yaml`` and checks every value
-`bimodal` ...     one driver per notebook: `bimodal`, `trigger_sweep`, `full_sngr`, `cost`
+`bimodal` ...     one driver per notebook: `bimodal`, `trigger_sweep`, `full_sngr`, `cost`,
+                  `audit`
 `claims`          what the paper claims, from ``paper/claims.yaml``
 `verdicts`        a verdict on every claim
 `verdict_tables`  the verdicts in LaTeX and in the README

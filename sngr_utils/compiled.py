@@ -30,6 +30,7 @@ class Factors(NamedTuple):
     measured : (F, 8) the measurement (a pose in five numbers, a point in two, a range in one)
         and, in the last three columns, 1 / sigma
     quadratic : (d, d) Q of an additional energy 1/2 xi^T Q xi; (0, 0) for none
+    linear : (d,) g of an additional energy g^T xi; (0,) for none
     factor : on the sum of GTSAM's error(), see `nested.SamplerSettings`
     """
 
@@ -39,6 +40,7 @@ class Factors(NamedTuple):
     of: np.ndarray
     measured: np.ndarray
     quadratic: np.ndarray
+    linear: np.ndarray
     factor: float
 
     @property
@@ -101,6 +103,7 @@ def flatten(
         np.array([of for of, _ in ordered], dtype=np.uint64).reshape(-1, 2),
         np.array([row for _, row in ordered]).reshape(-1, 8),
         quadratic=np.zeros((0, 0)),
+        linear=np.zeros(0),
         factor=float(factor),
     )
 
@@ -258,6 +261,8 @@ def energy(factors, xi, poses, points, limit):
         for j in range(i):
             row += factors.quadratic[i, j] * xi[j]
         extra += row * xi[i]
+    for i in range(len(factors.linear)):
+        extra += factors.linear[i] * xi[i]
     of, measured, half = factors.of, factors.measured, 0.5 * factors.factor
     enough = (limit - extra) / half
     total = 0.0

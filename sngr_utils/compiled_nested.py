@@ -76,8 +76,13 @@ def walk(factors, limit, walks, scale, live_z, live_x, z, x, poses, points, rng)
 
 
 @compile_once
-def _shrink(factors, live_z, live_x, walks, dlogz, rng):
+def _shrink(factors, cholesky, live_z, live_x, walks, dlogz, rng):
     """Replace the worst live point until the others can add no more than dlogz; in place.
+
+    A walk moves z and x = L z side by side. Each walk adds differences of points whose own
+    rounding errors came from such differences, so that x - L z would grow exponentially with
+    the generations, and the prior and the likelihood would come to see different points. A new
+    live point therefore has its x computed afresh.
 
     Returns
     -------
@@ -113,7 +118,11 @@ def _shrink(factors, live_z, live_x, walks, dlogz, rng):
             calls += called
             scale *= math.exp((accepted / walks - TARGET_ACCEPTANCE) / d)
             scale = min(max(scale, 1e-4), 1.0)
-        live_z[worst], live_x[worst], live_e[worst] = z, x, at
+        live_z[worst], live_e[worst] = z, at
+        for i in range(d):
+            live_x[worst, i] = 0.0
+            for j in range(i + 1):
+                live_x[worst, i] += cholesky[i, j] * z[j]
     return out_x[:dead], out_e[:dead], live_e, calls
 
 
@@ -138,7 +147,7 @@ def sample(
     """
     live_z = rng.standard_normal((n_live, len(cholesky)))
     live_x = live_z @ cholesky.T
-    dead_x, dead_e, live_e, calls = _shrink(factors, live_z, live_x, walks, dlogz, rng)
+    dead_x, dead_e, live_e, calls = _shrink(factors, cholesky, live_z, live_x, walks, dlogz, rng)
     order, dead = np.argsort(-live_e), len(dead_e)
     samples, energies = np.concatenate([dead_x, live_x[order]]), np.append(dead_e, live_e[order])
     log_shell = np.full(dead + n_live, -dead / n_live - math.log(n_live))

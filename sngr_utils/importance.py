@@ -186,6 +186,9 @@ def _gauss_newton(factors, cholesky, rotated, z, x, work, slope, hessian):
             slope[i] += rotated[i, j] * z[j]
             if j <= i:
                 hessian[i, j] += rotated[i, j]
+    for i in range(len(factors.linear)):
+        for j in range(i + 1):
+            slope[j] += cholesky[i, j] * factors.linear[i]
 
 
 @compile_once

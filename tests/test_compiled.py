@@ -4,7 +4,7 @@ import pytest
 from gtsam.symbol_shorthand import L, X
 from scipy.special import ndtri
 
-from sngr_utils import compiled, nested, windows
+from sngr_utils import compiled, importance, nested, windows
 from sngr_utils.compiled_walk import normal_quantile
 
 
@@ -93,6 +93,28 @@ def test_the_quadratic_is_added():
     for xi in rng.normal(size=(20, 5)):
         extra = compiled.log_likelihood(factors, xi) - compiled.log_likelihood(more, xi)
         assert extra == pytest.approx(0.5 * xi @ more.quadratic @ xi)
+
+
+def test_the_linear_term_is_added_and_moves_the_mode_as_it_should():
+    """With factors that are quadratic in the point, the mode is where the gradients cancel."""
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    values.insert(L(0), np.zeros(2))
+    sigmas, slope = np.array([0.5, 2.0]), np.array([3.0, -1.0])
+    noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+    graph.push_back(gtsam.PriorFactorPoint2(L(0), np.array([0.1, 0.2]), noise))
+    factors = compiled.flatten(graph, values, [L(0)], 1.0)
+    tilted = factors._replace(linear=slope)
+    for xi in np.random.default_rng(0).normal(size=(20, 2)):
+        extra = compiled.log_likelihood(factors, xi) - compiled.log_likelihood(tilted, xi)
+        assert extra == pytest.approx(slope @ xi)
+    covariance = np.array([[1.0, 0.3], [0.3, 0.5]])
+    run = importance.sample(
+        tilted, np.linalg.cholesky(covariance), importance.FastSettings(),
+        rng=np.random.default_rng(0),
+    )  # fmt: skip
+    precision = np.diag(sigmas**-2) + np.linalg.inv(covariance)
+    mode = np.linalg.solve(precision, np.array([0.1, 0.2]) / sigmas**2 - slope)
+    assert np.allclose(run.modes, [mode], atol=1e-4)
 
 
 def test_what_has_no_compiled_form_is_refused():

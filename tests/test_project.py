@@ -17,12 +17,14 @@ MODULES = sorted(paths.PACKAGE.glob("*.py"))
 # The order in which the package's docstring lists the modules; each imports only from above.
 ORDER = [
     "paths", "style", "jit", "world", "metrics", "graph", "windows", "information", "chain",
-    "nested", "compiled", "compiled_nested", "compiled_walk", "importance", "engines", "refine",
-    "baseline", "sweeps", "robust", "plots", "report", "bench", "printed", "contradictions",
-    "rules", "parameters", "bimodal", "trigger_sweep", "full_sngr", "cost",
+    "nested", "compiled", "compiled_nested", "compiled_walk", "importance", "laplace",
+    "posterior", "engines", "refine", "baseline", "corrected",
+    "window_audit", "sampler_audit", "refined_sweep",
+    "sweeps", "robust", "plots", "report", "bench", "printed", "contradictions", "rules",
+    "parameters", "bimodal", "trigger_sweep", "full_sngr", "cost", "audit",
     "claims", "verdicts", "verdict_tables", "run", "verify",
 ]  # fmt: skip
-DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost"}
+DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost", "audit"}
 
 
 def test_no_global_random_state():

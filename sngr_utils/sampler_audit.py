@@ -1,0 +1,217 @@
+"""What the sampler's own numbers say: ESS, evidence, mean log weights, bimodality coefficient."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from sngr_utils import (
+    compiled,
+    corrected,
+    engines,
+    laplace,
+    metrics,
+    nested,
+    posterior,
+    refine,
+    windows,
+)
+from sngr_utils.baseline import Baseline
+from sngr_utils.graph import Solution
+from sngr_utils.window_audit import window_factors
+
+
+def gaussian_factors(precision: np.ndarray) -> compiled.Factors:
+    """An exact Gaussian likelihood, exp(-1/2 xi^T A xi), for the compiled samplers.
+
+    Parameters
+    ----------
+    precision : (d, d) A, d a multiple of three
+    """
+    d = len(precision)
+    return compiled.Factors(
+        poses=np.zeros((d // 3, 5)),
+        points=np.zeros((0, 2)),
+        counts=np.array([d // 3, 0, 0, 0, 0, 0, 0]),
+        of=np.zeros((0, 2), dtype=np.uint64),
+        measured=np.zeros((0, 8)),
+        quadratic=np.array(precision, dtype=float, order="C"),
+        linear=np.zeros(0),
+        factor=1.0,
+    )
+
+
+def ess_shares(
+    base: Baseline,
+    which: Sequence[int],
+    settings: nested.SamplerSettings,
+    scales: Sequence[float] = (1.0, 50.0),
+    *,
+    rng: np.random.Generator,
+) -> pd.DataFrame:
+    """Flaw 6: ESS shares of windows, and of exact Gaussians with the same two covariances.
+
+    Returns
+    -------
+    one row per window, prior scale and kind ("window", "Gaussian"): ess_share, log_evidence
+    """
+    rows = []
+    for t in which:
+        own = window_factors(base.solution, t, settings.likelihood_factor)
+        keys = windows.window_keys(t)
+        conditional = windows.conditional_covariance(
+            base.solution.graph, base.solution.estimate, keys
+        )
+        twin = gaussian_factors(settings.likelihood_factor * np.linalg.inv(conditional))
+        for scale in scales:
+            chosen = settings.model_copy(update={"prior_scale": scale})
+            for kind, factors in (("window", own), ("Gaussian", twin)):
+                run = engines.sample_factors(
+                    factors, base.covariances[t], chosen, "nested", rng=rng
+                )
+                rows.append({
+                    "window": int(t), "scale": scale, "kind": kind,
+                    "ess_share": run.ess_share, "log_evidence": run.log_evidence,
+                })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def evidence_check(
+    solution: Solution,
+    covariances: np.ndarray,
+    which: Sequence[int],
+    separators: str,
+    walks: int,
+    n_live: int = 100,
+    repeats: int = 1,
+    draws: int = 20_000,
+    scale: float = 4.0,
+    *,
+    rng: np.random.Generator,
+) -> pd.DataFrame:
+    """Nested sampling of the corrected target against importance sampling, window by window.
+
+    Windows whose importance weights may not be trusted are left out.
+
+    Returns
+    -------
+    one row per window and repeat: difference (nested less importance, [nats]), error (of both
+    together), in_errors (their ratio), sd_ratio (nested over importance, geometric mean)
+    """
+    pieces, rows = posterior.expand(solution), []
+    settings = nested.SamplerSettings(n_live=n_live, min_walks=walks)
+    for t in which:
+        aim = posterior.target(solution, t, covariances[t], separators, pieces)
+        cholesky = np.linalg.cholesky(scale * aim.covariance)
+        reference = laplace.sample(aim.corrected(scale), cholesky, draws, rng=rng)
+        if reference is None:
+            continue
+        variances = np.diag(reference.covariance)
+        for _ in range(repeats):
+            run = corrected.sample_target(aim, scale, settings, "nested", rng=rng)
+            error = np.hypot(run.log_evidence_error, reference.log_evidence_error)
+            difference = run.log_evidence - reference.log_evidence
+            ratios = np.log(np.diag(run.covariance) / variances)
+            rows.append({
+                "window": int(t), "dimension": len(cholesky), "difference": difference,
+                "error": error, "in_errors": difference / error,
+                "sd_ratio": float(np.exp(0.5 * ratios.mean())),
+            })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def noop_readings(
+    base: Baseline, tau: float, settings: refine.TriggerOnly, *, rng: np.random.Generator
+) -> pd.DataFrame:
+    """Flaw 12: what the mean log weight of the no-op sampler may have meant, [nats].
+
+    s is `noop_sigma`. "normalised" has the two densities' determinants, "ratio" only their
+    exponents, "target" only the marginal's exponent; "log mean" is log of the mean weight over
+    the samples rather than the mean of its log. Heading untouched, or poses one at a time, are
+    readings of "N(MAP, s^2 I)"; so are a variance (s^2 = 0.5) or a factor on the exponent.
+
+    Returns
+    -------
+    one row per triggered window, a column per reading
+    """
+    rows, streams = [], rng.spawn(len(base.covariances))
+    s = settings.noop_sigma
+    for t in np.flatnonzero(base.fired(tau)):
+        joint = base.covariances[t]
+        blocks = [joint[i : i + 3, i : i + 3] for i in (0, 3, 6)]
+        planes = [joint[i : i + 2, i : i + 2] for i in (0, 3, 6)]
+        plane = np.ix_(*2 * [[0, 1, 3, 4, 6, 7]])
+        weights = refine.noop_log_weights(joint, settings, rng=streams[t])
+        expected = refine.noop_expected_log_weight
+        target = -0.5 * s**2 * np.trace(np.linalg.inv(joint))
+        flat = -0.5 * s**2 * np.trace(np.linalg.inv(joint[plane]))
+        rows.append({
+            "window": int(t),
+            "normalised, 9 x 9": expected(joint, s),
+            "ratio, 9 x 9": target + 0.5 * len(joint),
+            "target, 9 x 9": target,
+            "normalised, s² = 0.5": expected(joint, s**0.5),
+            "normalised, positions of the window": expected(joint[plane], s),
+            "target, positions of the window": flat,
+            "normalised, poses one by one, summed": sum(expected(b, s) for b in blocks),
+            "normalised, mean pose": float(np.mean([expected(b, s) for b in blocks])),
+            "normalised, positions one by one, summed": sum(expected(b, s) for b in planes),
+            "normalised, mean position": float(np.mean([expected(b, s) for b in planes])),
+            "normalised, diagonal only": expected(np.diag(np.diag(joint)), s),
+            "log mean weight": float(np.logaddexp.reduce(weights) - np.log(len(weights))),
+            "self-normalised, mean log": float(weights.mean() - np.logaddexp.reduce(weights)),
+            "largest weight": float(weights.max()),
+        })
+    return pd.DataFrame(rows)
+
+
+def bimodality_readings(y: np.ndarray, weights: np.ndarray) -> dict[str, float]:
+    """Flaw 12: the bimodality coefficient of one nested sampling run, by reading.
+
+    Parameters
+    ----------
+    y : (N,) samples, [m]
+    weights : (N,) posterior weights
+    """
+    equal, n = np.ones(len(y)), len(y)
+    effective = metrics.effective_sample_size(weights)
+    skewness, kurtosis = stats.skew(y, bias=False), stats.kurtosis(y, bias=False)
+    small = 3 * (n - 1) ** 2 / ((n - 2) * (n - 3))
+    heavy = weights > 1e-3 * weights.max()
+    plain = metrics.bimodality_coefficient(y, weights)
+    m = effective
+    return {
+        "weighted": plain,
+        "unweighted": metrics.bimodality_coefficient(y, equal),
+        "unweighted, SAS small-sample": float((skewness**2 + 1) / (kurtosis + small)),
+        "weighted, small-sample with the effective n": _small_sample(y, weights, m),
+        "unweighted, weights above a thousandth": metrics.bimodality_coefficient(
+            y[heavy], equal[heavy]
+        ),
+        "unweighted, excess kurtosis not put back": _excess(y, equal),
+        "weighted, 1/kurtosis only": _inverse_kurtosis(y, weights),
+    }
+
+
+def _moments(y: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
+    """Weighted skewness and kurtosis."""
+    weights = weights / weights.sum()
+    centred = y - weights @ y
+    second = weights @ centred**2
+    return float(weights @ centred**3 / second**1.5), float(weights @ centred**4 / second**2)
+
+
+def _small_sample(y: np.ndarray, weights: np.ndarray, n: float) -> float:
+    """SAS's form, (g^2 + 1) / (k + 3 (n-1)^2 / ((n-2)(n-3))), k the excess kurtosis."""
+    skewness, kurtosis = _moments(y, weights)
+    return (skewness**2 + 1) / (kurtosis - 3 + 3 * (n - 1) ** 2 / ((n - 2) * (n - 3)))
+
+
+def _excess(y: np.ndarray, weights: np.ndarray) -> float:
+    skewness, kurtosis = _moments(y, weights)
+    return (skewness**2 + 1) / (kurtosis - 3)
+
+
+def _inverse_kurtosis(y: np.ndarray, weights: np.ndarray) -> float:
+    return 1 / _moments(y, weights)[1]

@@ -1,0 +1,216 @@
+"""What a window's posterior is: too narrow, too wide, converged, Gaussian? One table each.
+
+All functions take a `baseline.Baseline`, i.e. one world under one preset, and return one row per
+window (or window and setting), so that many worlds are rows of one table.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from sngr_utils import (
+    compiled,
+    corrected,
+    engines,
+    importance,
+    laplace,
+    nested,
+    posterior,
+    refine,
+    windows,
+)
+from sngr_utils.baseline import Baseline
+from sngr_utils.graph import Solution
+from sngr_utils.importance import find_modes
+
+# name -> factor on GTSAM's error(), is the prior divided out?
+READINGS = {
+    "paper": (0.5, False),
+    "untempered": (1.0, False),
+    "corrected": (1.0, True),
+}
+
+
+def _log_ratio(covariance: np.ndarray, reference: np.ndarray) -> float:
+    """Geometric mean over the coordinates of the ratio of standard deviations."""
+    return float(np.exp(0.5 * np.mean(np.log(np.diag(covariance) / np.diag(reference)))))
+
+
+def window_factors(solution: Solution, t: int, factor: float) -> compiled.Factors:
+    """The compiled likelihood of window w(t), everything else held."""
+    likelihood = refine.window_likelihood(solution, t, factor)
+    return compiled.flatten(likelihood.factors, likelihood.estimate, likelihood.keys, factor)
+
+
+def widths(
+    base: Baseline,
+    which: Sequence[int],
+    settings: nested.SamplerSettings,
+    *,
+    rng: np.random.Generator,
+) -> pd.DataFrame:
+    """Flaws 1 and 2: how wide the sampled posterior of a window is, against what it might be.
+
+    Returns
+    -------
+    one row per window and reading of `READINGS`: over_conditional, over_marginal (sampled
+    standard deviation over the linearised one, geometric mean of the nine coordinates),
+    predicted_conditional, predicted_marginal (the same for a Gaussian window: precision
+    factor * Lambda + Sigma_w^-1 / c, the last term absent if divided out)
+    """
+    solution, rows = base.solution, []
+    for t in which:
+        marginal, keys = base.covariances[t], windows.window_keys(t)
+        conditional = windows.conditional_covariance(solution.graph, solution.estimate, keys)
+        prior = np.linalg.inv(settings.prior_scale * marginal)
+        for name, (factor, divided) in READINGS.items():
+            factors = window_factors(solution, t, factor)
+            if divided:
+                factors = factors._replace(quadratic=-prior)
+            run = engines.sample_factors(factors, marginal, settings, "nested", rng=rng)
+            precision = factor * np.linalg.inv(conditional) + (0 if divided else prior)
+            predicted = np.linalg.inv(precision)
+            rows.append({
+                "window": int(t),
+                "reading": name,
+                "over_conditional": _log_ratio(run.covariance, conditional),
+                "over_marginal": _log_ratio(run.covariance, marginal),
+                "predicted_conditional": _log_ratio(predicted, conditional),
+                "predicted_marginal": _log_ratio(predicted, marginal),
+            })
+    return pd.DataFrame(rows)
+
+
+def marginal_over_conditional(base: Baseline) -> pd.DataFrame:
+    """Flaw 3: standard deviations of the marginal over the conditional, by window.
+
+    Returns
+    -------
+    one row per window: geometric_mean, largest_coordinate (of the nine), smallest_direction,
+    largest_direction (roots of the generalised eigenvalues: extremes over all directions)
+    """
+    solution, rows = base.solution, []
+    for t, marginal in enumerate(base.covariances):
+        keys = windows.window_keys(t)
+        conditional = windows.conditional_covariance(solution.graph, solution.estimate, keys)
+        lower = np.linalg.inv(np.linalg.cholesky(conditional))
+        extremes = np.linalg.eigvalsh(lower @ marginal @ lower.T)
+        rows.append({
+            "window": t,
+            "geometric_mean": _log_ratio(marginal, conditional),
+            "largest_coordinate": float(np.sqrt(np.max(np.diag(marginal) / np.diag(conditional)))),
+            "smallest_direction": float(np.sqrt(extremes[0])),
+            "largest_direction": float(np.sqrt(extremes[-1])),
+        })
+    return pd.DataFrame(rows)
+
+
+def gauss_newton_over_full(solution: Solution) -> pd.DataFrame:
+    """How much wider windows are with the full Hessian than GTSAM's Gauss-Newton marginals say.
+
+    Returns
+    -------
+    one row per window: geometric_mean and largest_direction of the ratio of standard
+    deviations; NaN if the full Hessian at the estimate is not positive definite
+    """
+    full, linear = posterior.expand(solution), posterior.expand(solution, full=False)
+    rows = []
+    for t in range(windows.n_windows(solution.n_poses)):
+        keys = windows.window_keys(t)
+        wide, narrow = (posterior.eliminated(pieces, keys)[0] for pieces in (full, linear))
+        root = np.linalg.inv(np.linalg.cholesky(narrow))
+        least = np.linalg.eigvalsh(root @ wide @ root.T)[0]
+        sound = np.linalg.eigvalsh(wide)[0] > 0
+        rows.append({
+            "window": t,
+            "geometric_mean": _log_ratio(np.linalg.inv(wide), np.linalg.inv(narrow))
+            if sound else np.nan,
+            "largest_direction": 1 / math.sqrt(least) if sound else np.nan,
+        })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def attainable_gain(solution: Solution, t: int, factor: float = 1.0) -> float:
+    """Maximum of a window's log-likelihood, all else held, less its value at the estimate, [nats].
+
+    By Levenberg-Marquardt from the estimate: the nearest maximum. Right to about 1e-4.
+    """
+    factors = window_factors(solution, t, factor)
+    keys = windows.window_keys(t)
+    covariance = windows.conditional_covariance(solution.graph, solution.estimate, keys)
+    cholesky = np.linalg.cholesky(covariance)
+    flat = factors._replace(quadratic=-np.linalg.inv(covariance))  # takes the search's prior back
+    rotated = cholesky.T @ flat.quadratic @ cholesky
+    modes = find_modes(flat, cholesky, rotated, np.zeros((1, 9)), factors.n_residuals)[0]
+    if not len(modes):
+        return float("nan")
+    reached = compiled.log_likelihood(factors, cholesky @ modes[0])
+    return float(reached - compiled.log_likelihood(factors, np.zeros(9)))
+
+
+def gains(
+    base: Baseline, updates: Sequence[int] = (0, 1, 5, 10, 50), factor: float = 1.0
+) -> pd.DataFrame:
+    """Flaw 4: what windows could gain at the iSAM2 estimate, after more updates, after batch.
+
+    Returns
+    -------
+    one row per window and base: base (number of extra updates as text, or "batch"), gain
+    [nats], fires (at tau 3.9 in the usual estimate), error (of the whole graph, [nats])
+    """
+    settled = {str(n): corrected.converge(base.solution, "updates", n) for n in updates}
+    settled["batch"] = corrected.converge(base.solution)
+    fires, rows = base.fired(3.9), []
+    for name, solution in settled.items():
+        error = solution.graph.error(solution.estimate)
+        rows += [
+            {"base": name, "window": t, "fires": bool(fires[t]), "error": error,
+             "gain": attainable_gain(solution, t, factor)}
+            for t in range(len(base.covariances))
+        ]  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def gaussianity(
+    solution: Solution,
+    covariances: np.ndarray,
+    which: Sequence[int],
+    separators: str,
+    draws: int = 20_000,
+    scale: float = 4.0,
+    *,
+    rng: np.random.Generator,
+) -> pd.DataFrame:
+    """Flaw 5: Laplace evidence of a window's posterior against importance sampling.
+
+    Parameters
+    ----------
+    covariances : (N, 9, 9) Sigma_w
+    separators : "conditional" or "marginal", see `corrected.CorrectedSettings`
+    draws : from a Student t about the Laplace Gaussian
+    scale : of the prior that is divided out; 32 starts drawn from it look for modes
+
+    Returns
+    -------
+    one row per window: dimension, difference (importance less Laplace), error (its standard
+    error), modes (found by many starts); difference and error NaN where there is no Laplace
+    Gaussian or its weights may not be trusted
+    """
+    pieces, rows = posterior.expand(solution), []
+    for t in which:
+        aim = posterior.target(solution, t, covariances[t], separators, pieces)
+        factors, cholesky = aim.corrected(scale), np.linalg.cholesky(scale * aim.covariance)
+        found = laplace.laplace(factors, cholesky, np.zeros(len(cholesky)))
+        run = laplace.sample(factors, cholesky, draws, rng=rng)
+        many = importance.sample(factors, cholesky, importance.FastSettings(), rng=rng)
+        sound = found is not None and run is not None
+        rows.append({
+            "window": int(t),
+            "dimension": len(cholesky),
+            "difference": run.log_evidence - found.log_evidence if sound else np.nan,
+            "error": run.log_evidence_error if sound else np.nan,
+            "modes": many.diagnostics.n_modes,
+        })
+    return pd.DataFrame(rows)
