@@ -175,8 +175,8 @@ def _many_modes(
 ) -> nested.NestedRun:
     """Importance sampling about all modes found, for targets that are not one Gaussian.
 
-    Not nested sampling: where a target has heavier tails than the prior that is divided out,
-    the quotient grows outwards, and nested sampling climbs it for very long.
+    Modes far apart need long walks in nested sampling (engine "nested", 400 of them, agrees);
+    here they cost nothing. The diagnostics' objections are kept in the note.
     """
     many = importance.FastSettings(n_draws=10 * LAPLACE_DRAWS)
     draw = importance.sample(factors, cholesky, many, rng=rng)
