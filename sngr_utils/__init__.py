@@ -38,6 +38,7 @@ what stands above it in this list:
 `parameters`      reads ``params/*.yaml`` and checks every value
 `bimodal` ...     one driver per notebook: `bimodal`, `trigger_sweep`, `full_sngr`, `cost`,
                   `audit`
+`audit_tables`    the tables of notebook 05
 `claims`          what the paper claims, from ``paper/claims.yaml``
 `verdicts`        a verdict on every claim
 `verdict_tables`  the verdicts in LaTeX and in the README

@@ -282,3 +282,49 @@ def draw_growth(ax: Axes, lengths: np.ndarray, seconds: dict[str, np.ndarray],
         ax.loglog(lengths, values, marker=marker, color=colour, label=label)
     ax.set(xlabel="poses", ylabel="CPU time [s]")
     ax.legend(loc="lower center", bbox_to_anchor=(0.45, 1.0), ncols=1)
+
+
+def draw_intervals(
+    ax: Axes,
+    series: dict[str, tuple[np.ndarray, ...]],
+    printed: tuple[Sequence[float], Sequence[float]] | None,
+    label: str,
+    log: bool = False,
+) -> None:
+    """Mean and 95 % interval against p: preset -> (p, mean, low, high), beside printed values."""
+    for i, (name, (p, mean, low, high)) in enumerate(series.items()):
+        shift = 0.006 * (i - 1)  # so that the bars do not hide each other
+        bars = np.array([mean - low, high - mean])
+        if log:
+            bars[0] = np.minimum(bars[0], 0.9 * mean)
+        ax.errorbar(
+            p + shift, mean, bars, fmt=PRESET_MARKERS[name] + "-", color=PRESET_COLOURS[name],
+            mfc="none", capsize=2, lw=0.8, label=f"preset {name}",
+        )  # fmt: skip
+    if printed is not None:
+        ax.plot(*printed, "s--", color=style.PRINTED, lw=0.8, label="printed")
+    if log:
+        ax.set_yscale("log")
+    ax.set(xlabel=WRONG_LABEL, ylabel=label)
+    legend_above(ax, ncols=4 if ax.figure.get_figwidth() > 3 else 2)
+
+
+def draw_detection_curves(axes: Sequence[Axes], curves: dict[str, tuple]) -> None:
+    """ROC (left) and precision-recall curves (right); dotted: what firing at random gives."""
+    for name, (roc, precision_recall, base_rate) in curves.items():
+        (line,) = axes[0].plot(*roc, label=name)
+        axes[1].plot(*precision_recall, color=line.get_color())
+        axes[1].axhline(base_rate, color=line.get_color(), lw=0.6, ls=":")
+    axes[0].plot([0, 1], [0, 1], ":", color=style.TRUTH, lw=0.6)
+    axes[0].set(xlabel="false positive rate", ylabel="true positive rate", aspect="equal")
+    axes[1].set(xlabel="recall", ylabel="precision", ylim=(0, 1.02))
+    legend_above(axes[0], ncols=2)
+
+
+def draw_robust(ax: Axes, series: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
+    """Mean pose RMSE [m] against p, log scale: method -> (p, rmse)."""
+    for (name, (p, rmse)), marker in zip(series.items(), "osD^v<>xP", strict=False):
+        dark = {"dead reckoning": style.TRUTH, "least squares": style.ESTIMATE}.get(name)
+        ax.semilogy(p, rmse, marker=marker, mfc="none", color=dark, label=name)
+    ax.set(xlabel=WRONG_LABEL, ylabel="pose RMSE [m]")
+    legend_above(ax, ncols=3)

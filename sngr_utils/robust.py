@@ -84,7 +84,8 @@ def _solve(
     if method == "gnc_tls":
         result = _graduated(factors, values, known_inliers=range(sure.size()))
     else:
-        params = gtsam.LevenbergMarquardtParams()
+        # GTSAM's own defaults let lambda underflow to 0, which no factor raises again: a hang
+        params = gtsam.LevenbergMarquardtParams.CeresDefaults()
         params.setMaxIterations(500)  # to convergence: robust losses are reweighted, slowly
         params.setRelativeErrorTol(1e-10)
         params.setAbsoluteErrorTol(1e-10)

@@ -45,3 +45,9 @@ def use_style() -> None:
 def figure(width: float = COLUMN_WIDTH, height: float = 2.4) -> tuple[Figure, Axes]:
     """One figure with one axes, width and height in inches."""
     return plt.subplots(figsize=(width, height))
+
+
+def panels(width: float, height: float, n: int) -> tuple[Figure, list[Axes]]:
+    """One figure with n axes side by side, width and height in inches."""
+    fig, axes = plt.subplots(1, n, figsize=(width, height))
+    return fig, list(axes)

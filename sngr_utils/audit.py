@@ -1,0 +1,338 @@
+"""Driver of notebook 05: which of the paper's claims hold over many worlds, and why not."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import joblib
+import numpy as np
+import pandas as pd
+from pydantic import Field, model_validator
+
+from sngr_utils import (
+    corrected,
+    graph,
+    metrics,
+    nested,
+    refine,
+    refined_sweep,
+    report,
+    robust,
+    sampler_audit,
+    sweeps,
+    window_audit,
+    windows,
+)
+from sngr_utils.baseline import run_baseline
+from sngr_utils.world import Positive, Probability, Scenario, Seed
+
+Levels = Annotated[list[Probability], Field(min_length=1)]
+NOOP_P = 0.3  # where the paper prints the mean log weight of its no-op sampler
+READING = "C"  # preset of the figures; tables have all three
+
+
+class Config(Scenario):
+    """Parameters of the audit. Worlds are those of seeds first_seed, first_seed + 1, ...
+
+    n_seeds : worlds of the sweeps
+    p_levels, taus : of the sweep over iSAM2 and the trigger
+    tau : threshold of the paper's tables of detection
+    p_refined, tau_refined : of the sweep over SNGR itself
+    n_corrected, p_corrected : worlds and levels of corrected SNGR
+    n_robust, p_robust : worlds and levels of the robust losses
+    n_windows, p_windows : worlds and level of the experiments window by window
+    jobs : processes; results do not depend on it
+    """
+
+    first_seed: Seed = 0
+    n_seeds: Annotated[int, Field(ge=2)] = 30
+    p_levels: Levels = [0.0, 0.1, 0.2, 0.3, 0.4]
+    taus: Annotated[list[Positive], Field(min_length=1)] = [3.9, 3.92, 3.96, 4.0]
+    tau: Positive = 3.96
+    p_refined: Levels = [0.0, 0.1, 0.2, 0.3]
+    tau_refined: Positive = 3.9
+    n_corrected: Annotated[int, Field(ge=2)] = 20
+    p_corrected: Levels = [0.0, 0.2]
+    n_robust: Annotated[int, Field(ge=2)] = 20
+    p_robust: Levels = [0.0, 0.2, 0.4]
+    n_windows: Annotated[int, Field(ge=2)] = 8
+    p_windows: Probability = 0.2
+    jobs: Annotated[int, Field(ge=1)] = 2
+
+    @model_validator(mode="after")
+    def _consistent(self):
+        for name, value, levels in (
+            ("tau", self.tau, "taus"),
+            ("tau_refined", self.tau_refined, "taus"),
+            ("p_windows", self.p_windows, "p_levels"),
+        ):
+            if value not in getattr(self, levels):
+                raise ValueError(f"{name} is {value}: it must be one of {levels}")
+        if not set(self.p_refined) <= set(self.p_levels):
+            raise ValueError(f"p_refined is {self.p_refined}: all must be among p_levels")
+        for name in ("p_levels", "taus", "p_refined", "p_corrected", "p_robust"):
+            values = getattr(self, name)
+            if len(set(values)) < len(values):
+                raise ValueError(f"{name} is {values}: it must not repeat a value")
+        return self
+
+    @property
+    def scenario(self) -> Scenario:
+        return self.part(Scenario)
+
+    def seeds(self, n: int) -> list[int]:
+        return list(range(self.first_seed, self.first_seed + n))
+
+
+# --- experiments ----------------------------------------------------------------------------
+
+
+def run_sweep(config: Config) -> sweeps.Sweep:
+    """iSAM2 and the trigger on all worlds, under all presets, at all thresholds."""
+    seeds = config.seeds(config.n_seeds)
+    return sweeps.run_sweep(
+        config.scenario, graph.PRESETS, config.p_levels, seeds, config.taus, config.jobs
+    )
+
+
+def run_refined(config: Config) -> pd.DataFrame:
+    """SNGR as the paper has it on all worlds, under all presets."""
+    return refined_sweep.run_sweep(
+        config.scenario, graph.PRESETS, config.p_refined, config.seeds(config.n_seeds),
+        tau=config.tau_refined, jobs=config.jobs,
+    )  # fmt: skip
+
+
+def run_corrected(config: Config) -> pd.DataFrame:
+    """SNGR, and corrected SNGR in both versions, on the same worlds and windows."""
+    return refined_sweep.run_sweep(
+        config.scenario, graph.PRESETS, config.p_corrected, config.seeds(config.n_corrected),
+        refined_sweep.VARIANTS, config.tau_refined, config.jobs,
+    )  # fmt: skip
+
+
+def run_robust(config: Config) -> pd.DataFrame:
+    """Dead reckoning, robust losses and the oracle on the same worlds."""
+    seeds = config.seeds(config.n_robust)
+    conventions = graph.PRESETS[READING]
+    return robust.compare(config.scenario, conventions, config.p_robust, seeds, config.jobs)
+
+
+def run_nees(config: Config) -> pd.DataFrame:
+    """NEES on clean data with a true and a drawn mean of the x0 prior, under all presets."""
+    seeds = config.seeds(config.n_seeds)
+    tables = [
+        sweeps.nees_variants(config.scenario, conventions, seeds, config.jobs).assign(preset=name)
+        for name, conventions in graph.PRESETS.items()
+    ]
+    return pd.concat(tables, ignore_index=True)
+
+
+@dataclass(frozen=True)
+class WindowStudies:
+    """Tables of the experiments window by window, one row per window and setting.
+
+    Attributes
+    ----------
+    widths : sampled over conditional and marginal standard deviations, three readings
+    ratios : marginal over conditional standard deviations, all presets
+    gains : attainable gain at estimates settled more and more, all presets
+    gaussianity : Laplace evidence against importance sampling, both treatments of separators
+    ess : effective sample sizes of windows and of exact Gaussians
+    evidence : nested against importance sampling of the corrected target
+    """
+
+    widths: pd.DataFrame
+    ratios: pd.DataFrame
+    gains: pd.DataFrame
+    gaussianity: pd.DataFrame
+    ess: pd.DataFrame
+    evidence: pd.DataFrame
+
+
+def run_windows(config: Config) -> WindowStudies:
+    """All experiments window by window, world by world."""
+    done = joblib.Parallel(n_jobs=config.jobs)(
+        joblib.delayed(_study)(config, preset, seed)
+        for preset in graph.PRESETS
+        for seed in config.seeds(config.n_windows)
+    )
+    return WindowStudies(*(pd.concat(tables, ignore_index=True) for tables in zip(*done)))  # noqa: B905
+
+
+def _study(config: Config, preset: str, seed: int) -> list[pd.DataFrame]:
+    """The six tables of one world."""
+    base = run_baseline(config.scenario, graph.PRESETS[preset], config.p_windows, seed)
+    rng = np.random.default_rng([seed, 6])
+    sampler = nested.SamplerSettings(min_walks=50)
+    n = len(base.covariances)
+    some = list(range(windows.FIRST_ELIGIBLE, n, max(1, n // 5)))
+    settled = corrected.converge(base.solution)
+    covariances = windows.covariances(settled)
+    checks, laplace = [], []
+    for separators, walks in (("conditional", 100), ("marginal", corrected.LONG_WALKS)):
+        here = {"separators": separators}
+        checks.append(
+            sampler_audit.evidence_check(
+                settled, covariances, some[:: 1 + (separators == "marginal")], separators, walks,
+                rng=rng,
+            ).assign(**here)
+        )  # fmt: skip
+        laplace.append(
+            window_audit.gaussianity(settled, covariances, some, separators, rng=rng).assign(**here)
+        )
+    tables = [
+        window_audit.widths(base, some, sampler, rng=rng),
+        window_audit.marginal_over_conditional(base),
+        window_audit.gains(base),
+        pd.concat(laplace),
+        sampler_audit.ess_shares(base, some, sampler, rng=rng),
+        pd.concat(checks),
+    ]
+    return [table.assign(preset=preset, seed=seed) for table in tables]
+
+
+def run_gaussian_ess(config: Config) -> pd.DataFrame:
+    """ESS share of an exact Gaussian in the place of one window of every world."""
+    rows = joblib.Parallel(n_jobs=config.jobs)(
+        joblib.delayed(_gaussian_ess)(config, preset, seed)
+        for preset in graph.PRESETS
+        for seed in config.seeds(config.n_seeds)
+    )
+    return pd.DataFrame(rows, columns=["preset", "seed", "ess_share"])
+
+
+def _gaussian_ess(config: Config, preset: str, seed: int) -> tuple[str, int, float]:
+    base = run_baseline(config.scenario, graph.PRESETS[preset], config.p_windows, seed)
+    middle = len(base.covariances) // 2
+    table = sampler_audit.ess_shares(
+        base, [middle], nested.SamplerSettings(min_walks=50), (1.0,),
+        rng=np.random.default_rng([seed, 7]),
+    )  # fmt: skip
+    return preset, seed, float(table.loc[table["kind"] == "Gaussian", "ess_share"].iloc[0])
+
+
+def noop_readings(config: Config) -> pd.DataFrame:
+    """Mean log weight of the no-op sampler by reading, averaged over windows, per world."""
+    rows = joblib.Parallel(n_jobs=config.jobs)(
+        joblib.delayed(_noop)(config, preset, seed)
+        for preset in graph.PRESETS
+        for seed in config.seeds(config.n_robust)
+    )
+    return pd.concat(rows, ignore_index=True)
+
+
+def _noop(config: Config, preset: str, seed: int) -> pd.DataFrame:
+    base = run_baseline(config.scenario, graph.PRESETS[preset], NOOP_P, seed)
+    table = sampler_audit.noop_readings(
+        base, config.tau_refined, refine.TriggerOnly(), rng=np.random.default_rng([seed, 8])
+    )
+    return table.assign(preset=preset, seed=seed)
+
+
+def bimodality_readings(runs: Sequence[nested.NestedRun]) -> pd.DataFrame:
+    """The bimodality coefficient of y by reading, one row per run of notebook 01's experiment."""
+    return pd.DataFrame([
+        sampler_audit.bimodality_readings(run.samples[:, 1], run.weights) for run in runs
+    ])
+
+
+# --- what the claims are judged by ----------------------------------------------------------
+
+
+def record(
+    config: Config,
+    sweep: sweeps.Sweep,
+    refined: pd.DataFrame,
+    gaussian_ess: pd.DataFrame,
+    to: report.Report,
+) -> None:
+    """Hand on one number per world for every claim (``paper/claims.yaml``)."""
+    to.value("audit.n_seeds", config.n_seeds, ".0f")
+    for (preset, p), rows in sweep.runs.groupby(["preset", "p"], sort=False):
+        here = f"audit.{preset}.p{p:g}"
+        for name in ("pose_rmse", "nees", "failed", "base_rate"):
+            to.sample(f"{here}.{name}", rows[name].astype(float))
+    for (preset, p, tau), rows in sweep.detections.groupby(["preset", "p", "tau"], sort=False):
+        here = f"audit.{preset}.p{p:g}.tau{tau:g}"
+        for name in ("triggered", "precision", "recall", "tp", "fp", "fn"):
+            to.sample(f"{here}.{name}", rows[name].astype(float))
+    medians = sweep.scores.groupby(["preset", "p", "seed"], sort=False)["score"].median()
+    for (preset, p), values in medians.groupby(level=["preset", "p"], sort=False):
+        to.sample(f"audit.{preset}.p{p:g}.median_score", values)
+    kept = ("sngr_pose_rmse", "sngr_landmark_rmse", "sngr_nees", "saving", "gain_min", "gain_max",
+            "gain_peak_window", "ess_share")  # fmt: skip
+    for (preset, p), rows in refined.groupby(["preset", "p"], sort=False):
+        for name in kept:
+            to.sample(f"audit.{preset}.p{p:g}.{name}", rows[name].astype(float))
+        if p == NOOP_P:
+            to.sample(f"audit.{preset}.noop", rows["noop"].astype(float))
+    for preset, rows in gaussian_ess.groupby("preset", sort=False):
+        key = f"audit.{preset}.p{config.p_windows:g}.gaussian_ess_share"
+        to.sample(key, rows["ess_share"])
+
+
+def record_findings(
+    studies: WindowStudies, nees: pd.DataFrame, robust_runs: pd.DataFrame, to: report.Report
+) -> None:
+    """Hand on the numbers that the paper's text quotes."""
+
+    def sample(key, values, fmt=".2f", unit=""):
+        values = np.asarray(values, dtype=float)
+        error = report.standard_error(values)
+        to.value(key, float(values.mean()), fmt, unit, error, len(values))
+
+    for reading, rows in studies.widths.groupby("reading"):
+        sample(f"widths.{reading}.conditional", rows["over_conditional"])
+        sample(f"widths.{reading}.marginal", rows["over_marginal"])
+    largest = studies.ratios["largest_direction"]
+    to.value("widths.largest_direction", largest.max(), ".0f", n=len(largest))
+    exact = studies.gaussianity.query("separators == 'conditional'").dropna()
+    to.value("gaussian.windows", len(exact), ".0f")
+    to.value("gaussian.largest", exact["difference"].abs().max(), ".3f", "nats", n=len(exact),
+             within=0.02)  # fmt: skip
+    for separators, rows in studies.evidence.groupby("separators"):
+        sample(f"evidence.{separators}.bias", rows["difference"], ".2f", "nats")
+        to.value(f"evidence.{separators}.largest", rows["in_errors"].abs().max(), ".1f",
+                 n=len(rows), within=1.5)  # fmt: skip
+    shares = studies.ess.groupby(["kind", "scale"])["ess_share"]
+    for (kind, scale), values in shares:
+        sample(f"ess.{kind}.c{scale:g}", 100 * values, ".0f", "\\%")
+    for (preset, mean), rows in nees.query("frame == 'world'").groupby(["preset", "x0_mean"]):
+        sample(f"nees.{preset}.{mean}", rows["nees"])
+    for (method, start, p), rows in robust_runs.groupby(["method", "start", "p"]):
+        sample(f"robust.{method}.{start}.p{p:g}", rows["pose_rmse"], unit="m")
+
+
+def auc_rows(
+    sweep: sweeps.Sweep, *, rng: np.random.Generator
+) -> list[tuple[str, float, float, tuple[float, float], float, float]]:
+    """Per preset and p: AUC of the score against failure with its interval, and average precision.
+
+    Windows that may fire only; the interval draws whole worlds.
+    """
+    rows = []
+    for (preset, p), found in sweep.scores.query("eligible").groupby(["preset", "p"], sort=False):
+        score, failed = found["score"].to_numpy(), found["failed"].to_numpy()
+        interval = metrics.roc_auc_interval(score, failed, found["seed"].to_numpy(), rng=rng)
+        average = metrics.average_precision(score, failed)
+        auc = metrics.roc_auc(score, failed)
+        rows.append((preset, p, auc, interval, average, float(failed.mean())))
+    return rows
+
+
+def curves(
+    sweep: sweeps.Sweep, preset: str, levels: Sequence[float]
+) -> dict[str, tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray], float]]:
+    """ROC curve, precision-recall curve and base rate per p, where both classes are there."""
+    eligible = sweep.scores.query("eligible and preset == @preset")
+    found = {}
+    for p in levels:
+        rows = eligible[eligible["p"] == p]
+        score, failed = rows["score"].to_numpy(), rows["failed"].to_numpy()
+        if failed.any() and not failed.all():
+            roc = metrics.roc_curve(score, failed)
+            found[f"p = {p:g}"] = (
+                roc, metrics.precision_recall_curve(score, failed), float(failed.mean())
+            )  # fmt: skip
+    return found

@@ -1,0 +1,268 @@
+"""The tables and series of notebook 05, from the data frames of its experiments."""
+
+import numpy as np
+import pandas as pd
+
+from sngr_utils import report, sweeps
+
+t = report.text
+
+
+def interval(row: pd.Series, fmt: str = ".2f") -> str:
+    """ "mean [low, high]"; only the mean where there is no interval."""
+    if np.isnan(row["low"]):
+        return t(row["mean"], fmt)
+    return f"{t(row['mean'], fmt)} [{t(row['low'], fmt)}, {t(row['high'], fmt)}]"
+
+
+def by_preset(
+    frame: pd.DataFrame, value: str, fmt: str = ".2f", printed: dict | None = None
+) -> pd.DataFrame:
+    """Mean and 95 % interval of a column, p down and presets across, beside printed values."""
+    table = sweeps.summary(frame, value)
+    presets, rows = list(dict.fromkeys(table["preset"])), []
+    for p, group in table.groupby("p", sort=False):
+        cells = [interval(row, fmt) for _, row in group.iterrows()]
+        rows.append([f"{p:g}", *([t(printed.get(p), fmt)] if printed is not None else []), *cells])
+    heads = ["p", *(["printed"] if printed is not None else []), *presets]
+    return pd.DataFrame(rows, columns=heads)
+
+
+def detection_table(detections: pd.DataFrame, runs: pd.DataFrame, tau: float) -> pd.DataFrame:
+    """Triggers, precision beside the base rate, recall, MCC, with the worlds they rest on."""
+    at = detections[np.isclose(detections["tau"], tau)]
+    columns = {
+        name: sweeps.summary(at, name) for name in ("triggered", "precision", "recall", "mcc")
+    }
+    base = sweeps.summary(runs, "base_rate")
+    rows = []
+    for i, row in base.iterrows():
+        precision = columns["precision"].loc[i]
+        rows.append([
+            row["preset"], f"{row['p']:g}", interval(columns["triggered"].loc[i], ".1f"),
+            f"{interval(precision)} ({precision['n']})", t(row["mean"]),
+            interval(columns["recall"].loc[i]), interval(columns["mcc"].loc[i]),
+        ])  # fmt: skip
+    heads = ["preset", "p", "triggered", "precision (worlds)", "base rate", "recall", "MCC"]
+    return pd.DataFrame(rows, columns=heads)
+
+
+def silent_table(detections: pd.DataFrame) -> pd.DataFrame:
+    """Share of clean worlds in which nothing fires, and the most that fire, per threshold."""
+    clean = detections[detections["p"] == 0]
+    rows = []
+    for tau, at in clean.groupby("tau"):
+        cells = []
+        for _, group in at.groupby("preset"):
+            silent = int((group["triggered"] == 0).sum())
+            cells.append(f"{silent} of {len(group)} ({group['triggered'].max()})")
+        rows.append([t(tau), *cells])
+    heads = [
+        "tau",
+        *(f"{name}: silent worlds (most triggers)" for name in sorted(set(clean["preset"]))),
+    ]
+    return pd.DataFrame(rows, columns=heads)
+
+
+def auc_table(rows: list[tuple]) -> pd.DataFrame:
+    """`audit.auc_rows` as text."""
+    shown = [
+        [preset, f"{p:g}", t(auc), f"[{t(low)}, {t(high)}]", t(average), t(base)]
+        for preset, p, auc, (low, high), average, base in rows
+    ]
+    heads = ["preset", "p", "ROC AUC", "95 % interval", "average precision", "base rate"]
+    return pd.DataFrame(shown, columns=heads)
+
+
+def units_table(scores: pd.DataFrame) -> pd.DataFrame:
+    """What the score becomes in centimetres, and how constant its smaller eigenvalue is."""
+    rows = []
+    for preset, found in scores.query("eligible").groupby("preset", sort=False):
+        shift = found["score_cm"] - found["score"]
+        low = found["log_lambda_min"]
+        correlation = np.corrcoef(found["score"], found["log_lambda_max"])[0, 1]
+        rows.append([
+            preset, f"{t(shift.min(), '.3f')} to {t(shift.max(), '.3f')}",
+            f"{t(low.mean(), '.3f')} ± {t(low.std(), '.3f')}", t(correlation, ".4f"),
+        ])  # fmt: skip
+    heads = ["preset", "score in cm less in m", "log10 smallest eigenvalue",
+             "correlation of score and log10 largest"]  # fmt: skip
+    return pd.DataFrame(rows, columns=heads)
+
+
+def gains_table(refined: pd.DataFrame) -> pd.DataFrame:
+    """What refinement does, per preset and p: gains are medians over worlds of each statistic."""
+    rows = []
+    for (preset, p), group in refined.groupby(["preset", "p"], sort=False):
+        change = 1e3 * (group["sngr_pose_rmse"] - group["base_pose_rmse"])
+        change = sweeps.summary(pd.DataFrame({"all": 0, "x": change}), "x", by=["all"]).iloc[0]
+        share = group["accepted"].sum() / max(group["triggered"].sum(), 1)
+        rows.append([
+            preset, f"{p:g}", t(group["triggered"].mean(), ".1f"), t(100 * share, ".0f"),
+            t(group["gain_min"].median(), ".3f"), t(group["gain_median"].median(), ".3f"),
+            t(group["gain_max"].median(), ".2f"), interval(change, ".1f"),
+        ])  # fmt: skip
+    heads = ["preset", "p", "refined", "accepted [%]", "least gain", "median gain", "largest gain",
+             "RMSE change [mm]"]  # fmt: skip
+    return pd.DataFrame(rows, columns=heads)
+
+
+def corrected_table(table: pd.DataFrame) -> pd.DataFrame:
+    """The paper's SNGR and both corrected versions on the same worlds."""
+    rows = []
+    for (p, preset, variant), group in table.groupby(["p", "preset", "variant"]):
+        settled = 1e3 * (group["base_pose_rmse"] - group["isam2_pose_rmse"])
+        refined = 1e3 * (group["sngr_pose_rmse"] - group["base_pose_rmse"])
+        frame = pd.DataFrame({"all": 0, "settled": settled, "refined": refined})
+        each = {
+            name: sweeps.summary(frame, name, by=["all"]).iloc[0] for name in ("settled", "refined")
+        }
+        share = group["accepted"].sum() / max(group["triggered"].sum(), 1)
+        rows.append([
+            f"{p:g}", preset, variant, t(100 * share, ".0f"),
+            t(group["gain_median"].median(), ".3f"), t(group["gain_max"].median(), ".3f"),
+            interval(each["settled"], ".0f") if variant != "paper" else report.NONE,
+            interval(each["refined"], ".1f"),
+        ])  # fmt: skip
+    heads = ["p", "preset", "version", "accepted [%]", "median gain", "largest gain",
+             "settling: RMSE change [mm]", "refining: RMSE change [mm]"]  # fmt: skip
+    return pd.DataFrame(rows, columns=heads)
+
+
+def widths_table(widths: pd.DataFrame) -> pd.DataFrame:
+    """Sampled standard deviation over the conditional and the marginal one."""
+    rows = []
+    for reading, group in widths.groupby("reading", sort=False):
+        cells = [
+            f"{t(group[name].mean(), '.3f')} ± {t(report.standard_error(group[name]), '.3f')}"
+            for name in ("over_conditional", "over_marginal")
+        ]
+        rows.append([reading, cells[0], t(group["predicted_conditional"].mean(), ".3f"), cells[1]])
+    heads = ["target", "over conditional", "predicted, Gaussian", "over marginal"]
+    return pd.DataFrame(rows, columns=heads)
+
+
+def ratios_table(ratios: pd.DataFrame) -> pd.DataFrame:
+    """Marginal over conditional standard deviation: median and largest over windows."""
+    rows = [
+        [preset, *(f"{t(group[name].median(), '.1f')} ({t(group[name].max(), '.1f')})"
+                   for name in ("geometric_mean", "largest_direction"))]
+        for preset, group in ratios.groupby("preset")
+    ]  # fmt: skip
+    heads = ["preset", "geometric mean: median (largest)", "widest direction: median (largest)"]
+    return pd.DataFrame(rows, columns=heads)
+
+
+def convergence_table(gains: pd.DataFrame) -> pd.DataFrame:
+    """Median attainable gain of a window, [nats], as the estimate is settled more and more."""
+    bases = list(dict.fromkeys(gains["base"]))
+    rows = []
+    for preset, group in gains.groupby("preset"):
+        medians = group.groupby("base")["gain"].median()
+        rows.append([preset, *(t(medians[base], ".3f") for base in bases)])
+    heads = ["preset", *(f"{base} more updates" if base != "batch" else base for base in bases)]
+    return pd.DataFrame(rows, columns=heads)
+
+
+def gaussianity_table(found: pd.DataFrame) -> pd.DataFrame:
+    """Importance sampling less Laplace evidence, [nats]."""
+    rows = []
+    for (separators, preset), group in found.groupby(["separators", "preset"]):
+        used = group.dropna()
+        beyond = int((used["difference"].abs() > 3 * used["error"]).sum())
+        rows.append([
+            separators, preset, str(len(group)), str(len(group) - len(used)),
+            t(used["difference"].mean(), ".4f"), t(used["difference"].abs().max(), ".3f"),
+            t(used["error"].mean(), ".4f"), str(beyond), str(int((group["modes"] > 1).sum())),
+        ])  # fmt: skip
+    heads = ["separators", "preset", "windows", "left out", "mean", "largest", "standard error",
+             "beyond 3 errors", "more than one mode"]  # fmt: skip
+    return pd.DataFrame(rows, columns=heads)
+
+
+def ess_table(ess: pd.DataFrame) -> pd.DataFrame:
+    """ESS shares of windows and of exact Gaussians of the same covariances."""
+    rows = []
+    for scale, group in ess.groupby("scale"):
+        shares = [group.loc[group["kind"] == kind, "ess_share"] for kind in ("Gaussian", "window")]
+        rows.append([f"{scale:g}", *(mean_and_error(share) for share in shares)])
+    return pd.DataFrame(rows, columns=["c", "exact Gaussian", "window"])
+
+
+def evidence_table(checks: pd.DataFrame) -> pd.DataFrame:
+    """Nested sampling of the corrected target less importance sampling, [nats]."""
+    rows = []
+    for (separators, d), group in checks.groupby(["separators", "dimension"]):
+        in_errors = group["in_errors"].abs()
+        rows.append([
+            separators, str(d), str(len(group)), mean_and_error(group["difference"], ".3f"),
+            t(in_errors.max(), ".1f"), str(int((in_errors > 3).sum())),
+            t(float(np.exp(np.log(group["sd_ratio"]).mean()))),
+        ])  # fmt: skip
+    heads = ["separators", "d", "windows", "mean difference", "largest, in errors",
+             "beyond 3 errors", "sd ratio"]  # fmt: skip
+    return pd.DataFrame(rows, columns=heads)
+
+
+def mean_and_error(values: pd.Series, fmt: str = ".2f") -> str:
+    """ "mean ± standard error" """
+    return f"{t(float(values.mean()), fmt)} ± {t(report.standard_error(values), fmt)}"
+
+
+def nees_table(nees: pd.DataFrame) -> pd.DataFrame:
+    """NEES on clean data: mean of the x0 prior, frame of P, preset."""
+    table = sweeps.summary(nees, "nees", by=["x0_mean", "frame", "preset"])
+    rows = [
+        [mean, frame, *(interval(row) for _, row in group.iterrows())]
+        for (mean, frame), group in table.groupby(["x0_mean", "frame"], sort=False)
+    ]
+    return pd.DataFrame(
+        rows, columns=["x0 prior centred on", "frame of P", *dict.fromkeys(table["preset"])]
+    )
+
+
+def robust_table(runs: pd.DataFrame) -> pd.DataFrame:
+    """Mean pose RMSE with its interval, and landmark RMSE, per method and start, [m]."""
+    levels = list(dict.fromkeys(runs["p"]))
+    poses = sweeps.summary(runs, "pose_rmse", by=["start", "method", "p"])
+    last = runs[runs["p"] == levels[-1]].groupby(["start", "method"])["landmark_rmse"].mean()
+    rows = []
+    for (start, method), group in poses.groupby(["start", "method"], sort=False):
+        cells = [interval(row) for _, row in group.iterrows()]
+        rows.append([
+            method.replace("_", " "),
+            start.replace("_", " "),
+            *cells,
+            t(last[start, method]),
+        ])
+    heads = ["method", "start", *(f"p = {p:g}" for p in levels), f"landmarks, p = {levels[-1]:g}"]
+    return pd.DataFrame(rows, columns=heads)
+
+
+def readings_table(readings: pd.DataFrame) -> pd.DataFrame:
+    """Mean of every reading with its standard error; worlds or runs down, readings across."""
+    columns = [name for name in readings.columns if name not in ("window", "preset", "seed")]
+    rows = [
+        [name, f"{t(x.mean(), '.4g')} ± {t(report.standard_error(x), '.2g')}"]
+        for name, x in ((name, readings[name]) for name in columns)
+    ]
+    return pd.DataFrame(rows, columns=["reading", "ours"])
+
+
+def curve_series(frame: pd.DataFrame, value: str) -> dict[str, tuple[np.ndarray, ...]]:
+    """preset -> p, mean, low, high for `plots.draw_intervals`."""
+    table = sweeps.summary(frame, value)
+    return {
+        preset: tuple(group[name].to_numpy() for name in ("p", "mean", "low", "high"))
+        for preset, group in table.groupby("preset", sort=False)
+    }
+
+
+def robust_series(runs: pd.DataFrame, start: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """method -> p and mean pose RMSE [m], from one start, beside dead reckoning."""
+    chosen = runs[runs["start"].isin([start, "none"])]
+    means = chosen.groupby(["method", "p"], sort=False)["pose_rmse"].mean()
+    return {
+        method.replace("_", " "): (group.index.get_level_values("p").to_numpy(), group.to_numpy())
+        for method, group in means.groupby(level="method", sort=False)
+    }
