@@ -297,7 +297,7 @@ def record_findings(
                  n=len(rows), within=1.5)  # fmt: skip
     shares = studies.ess.groupby(["kind", "scale"])["ess_share"]
     for (kind, scale), values in shares:
-        sample(f"ess.{kind}.c{scale:g}", 100 * values, ".0f", "\\%")
+        sample(f"ess.{kind}.c{scale:g}", 100 * values, ".0f", "%")
     for (preset, mean), rows in nees.query("frame == 'world'").groupby(["preset", "x0_mean"]):
         sample(f"nees.{preset}.{mean}", rows["nees"])
     for (method, start, p), rows in robust_runs.groupby(["method", "start", "p"]):

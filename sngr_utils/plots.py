@@ -8,7 +8,7 @@ from dynesty.plotting import runplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from sngr_utils import style, windows
 from sngr_utils.baseline import Baseline
@@ -327,4 +327,7 @@ def draw_robust(ax: Axes, series: dict[str, tuple[np.ndarray, np.ndarray]]) -> N
         dark = {"dead reckoning": style.TRUTH, "least squares": style.ESTIMATE}.get(name)
         ax.semilogy(p, rmse, marker=marker, mfc="none", color=dark, label=name)
     ax.set(xlabel=WRONG_LABEL, ylabel="pose RMSE [m]")
+    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_formatter(NullFormatter())
     legend_above(ax, ncols=3)

@@ -108,7 +108,8 @@ def _numbers(
         shown = text(original.value, f".{original.decimals}f")
         if entry.ratio and was.value is not None:
             shown += f" ({text(was.value, '.3g')})"
-        ours, n, mean = _ours(results[key], was.decimals)
+        found = _spread(results[key]) if entry.rule == "std_of_five" else results[key]
+        ours, n, mean = _ours(found, was.decimals)
         label = "".join(f".{name}{part}" for name, part in names.items())
         yield Row(
             entry.id + label, entry.id, "number", entry.where, entry.what, shown, ours,
@@ -147,6 +148,14 @@ def _has_trend(entry: NumberEntry, results: dict[str, dict], preset: str) -> boo
     ]  # fmt: skip
     ends = (_sample(results, claims.key(entry.ours, preset, levels[i])) for i in (0, -1))
     return rules.trend(*ends, entry.trend)
+
+
+def _spread(entry: dict) -> dict:
+    """A sample's standard deviation in the place of its mean, with the error a Gaussian's has."""
+    values = [value for value in entry["sample"] if value is not None]
+    spread = float(np.std(values, ddof=1)) if len(values) > 1 else None
+    error = spread / math.sqrt(2 * len(values) - 2) if spread is not None else None
+    return {**entry, "value": spread, "standard_error": error}
 
 
 def _ours(entry: dict, decimals: int) -> tuple[str, str, float | None]:

@@ -1,0 +1,119 @@
+import numpy as np
+import pandas as pd
+import pytest
+from ruamel.yaml import YAML
+
+from sngr_utils import audit, claims, graph, parameters, paths, refine, report, sampler_audit
+from sngr_utils import audit_tables as tables
+
+
+@pytest.fixture(scope="module")
+def small():
+    quick = parameters.read_params("05_audit", paths.PARAMS / "quick")
+    return audit.Config(**{**quick, "jobs": 1, "n_poses": 15})
+
+
+@pytest.fixture(scope="module")
+def sweep(small):
+    return audit.run_sweep(small)
+
+
+@pytest.fixture(scope="module")
+def studies(small):
+    return audit.run_windows(small.model_copy(update={"p_windows": 0.0}))
+
+
+def test_every_claim_gets_its_numbers(tmp_path):
+    """With the levels of the YAML, all keys that claims.yaml asks of notebook 05 are there."""
+    config = audit.Config(n_seeds=2, n_poses=12, jobs=1)
+    to = report.Report("05_audit", tmp_path)
+    gaussian = audit.run_gaussian_ess(config)
+    audit.record(config, audit.run_sweep(config), audit.run_refined(config), gaussian, to)
+    to.save()
+    samples = report.read_json(tmp_path / "05_audit.json")["samples"]
+    assert all(len(entry["sample"]) == 2 for entry in samples.values())
+    for preset in graph.PRESETS:
+        asked = {key for key in claims.needed(preset) if key.startswith("audit.")}
+        assert asked <= set(samples)
+
+
+def test_settled_windows_have_nothing_to_gain(studies):
+    batch = studies.gains.query("base == 'batch'")["gain"]
+    assert batch.max() < 1e-3
+    assert batch.min() > -1e-3
+
+
+def test_windows_of_clean_data_have_the_predicted_widths(studies):
+    """Sampled over predicted standard deviation; 5 % is five standard errors of the mean."""
+    for _, rows in studies.widths.groupby("reading"):
+        ratio = rows["over_conditional"].mean() / rows["predicted_conditional"].mean()
+        assert abs(ratio - 1) < 0.05
+
+
+def test_corrected_evidence_agrees_with_importance_sampling(studies):
+    """Each within 5 standard errors: a false alarm in about 2e-5 of runs; the bias at 4.5."""
+    checks = studies.evidence
+    assert len(checks) >= 20
+    assert (checks["in_errors"].abs() < 5).all()
+    assert abs(checks["in_errors"].mean()) < 4.5 / np.sqrt(len(checks))
+
+
+def test_results_do_not_depend_on_the_number_of_processes(small):
+    one, two = (audit.run_gaussian_ess(small.model_copy(update={"jobs": n})) for n in (1, 2))
+    pd.testing.assert_frame_equal(one, two)
+
+
+def test_tables_are_whole(small, sweep, studies):
+    runs, detections = sweep.runs, sweep.detections
+    n_levels, n_presets = len(small.p_levels), len(graph.PRESETS)
+    printed = {0.0: 0.15}
+    assert tables.by_preset(runs, "pose_rmse", printed=printed).shape == (n_levels, 2 + n_presets)
+    assert tables.detection_table(detections, runs, small.tau).shape == (n_levels * n_presets, 7)
+    assert len(tables.silent_table(detections)) == len(small.taus)
+    rows = audit.auc_rows(sweep, rng=np.random.default_rng(0))
+    assert len(tables.auc_table(rows)) == n_levels * n_presets
+    assert len(tables.units_table(sweep.scores)) == n_presets
+    for frame, make in (
+        (studies.widths, tables.widths_table), (studies.ratios, tables.ratios_table),
+        (studies.gains, tables.convergence_table), (studies.ess, tables.ess_table),
+        (studies.gaussianity, tables.gaussianity_table), (studies.evidence, tables.evidence_table),
+    ):  # fmt: skip
+        assert len(make(frame)) >= 2
+        assert not make(frame).isna().any().any()
+
+
+def test_interval_and_its_absence():
+    row = pd.Series({"mean": 1.0, "low": 0.5, "high": 1.5})
+    assert tables.interval(row) == "1.00 [0.50, 1.50]"
+    assert tables.interval(row.replace({0.5: np.nan})) == "1.00"
+
+
+def test_readings_of_the_noop_weight_hold_the_closed_form(noisy):
+    table = sampler_audit.noop_readings(
+        noisy, 3.9, refine.TriggerOnly(), rng=np.random.default_rng(0)
+    )
+    t = int(table["window"].iloc[0])
+    expected = refine.noop_expected_log_weight(noisy.covariances[t], 0.5)
+    assert table["normalised, 9 x 9"].iloc[0] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("tau", 3.97), ("n_seeds", 1), ("p_refined", [0.15]), ("p_windows", 0.15),
+     ("p_levels", [0.0, 0.0, 0.2]), ("jobs", 0), ("taus", [])],
+)  # fmt: skip
+def test_bad_parameters_are_named(name, value):
+    with pytest.raises(ValueError, match=name):
+        audit.Config(**{name: value})
+
+
+def test_every_cell_that_decides_is_there():
+    cells = {
+        (name, tag)
+        for name in parameters.notebook_names()
+        for cell in parameters.read_notebook(name).cells
+        for tag in cell.metadata.get("tags", [])
+    }
+    listed = YAML(typ="safe", pure=True).load(paths.CLAIMS)
+    for entry in [*listed["numbers"], *listed["prose"]]:
+        assert (entry["notebook"], entry["cell"]) in cells
