@@ -41,8 +41,12 @@ class Baseline:
 
     @property
     def base_rate(self) -> float:
-        """Share of the windows that may fire that failed: the precision of firing at random."""
-        return float(self.failed[windows.FIRST_ELIGIBLE :].mean())
+        """Share of the windows that may fire that failed: the precision of firing at random.
+
+        NaN if the trajectory is so short that none may.
+        """
+        eligible = self.failed[windows.FIRST_ELIGIBLE :]
+        return float(eligible.mean()) if len(eligible) else float("nan")
 
     def detection(self, tau: float) -> metrics.Detection:
         """The trigger at `tau` against failure, over all N windows."""

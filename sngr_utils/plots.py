@@ -311,10 +311,11 @@ def draw_intervals(
 
 def draw_detection_curves(axes: Sequence[Axes], curves: dict[str, tuple]) -> None:
     """ROC (left) and precision-recall curves (right); dotted: what firing at random gives."""
-    for name, (roc, precision_recall, base_rate) in curves.items():
-        (line,) = axes[0].plot(*roc, label=name)
-        axes[1].plot(*precision_recall, color=line.get_color())
-        axes[1].axhline(base_rate, color=line.get_color(), lw=0.6, ls=":")
+    looks = zip(curves.items(), style.SEQUENCE, strict=False)
+    for (name, (roc, precision_recall, base_rate)), colour in looks:
+        axes[0].plot(*roc, color=colour, label=name)
+        axes[1].plot(*precision_recall, color=colour)
+        axes[1].axhline(base_rate, color=colour, lw=0.6, ls=":")
     axes[0].plot([0, 1], [0, 1], ":", color=style.TRUTH, lw=0.6)
     axes[0].set(xlabel="false positive rate", ylabel="true positive rate", aspect="equal")
     axes[1].set(xlabel="recall", ylabel="precision", ylim=(0, 1.02))
@@ -323,9 +324,11 @@ def draw_detection_curves(axes: Sequence[Axes], curves: dict[str, tuple]) -> Non
 
 def draw_robust(ax: Axes, series: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
     """Mean pose RMSE [m] against p, log scale: method -> (p, rmse)."""
+    fixed = {"dead reckoning": style.TRUTH, "least squares": style.ESTIMATE}
+    others = [name for name in series if name not in fixed]
+    colours = fixed | dict(zip(others, style.SEQUENCE, strict=False))
     for (name, (p, rmse)), marker in zip(series.items(), "osD^v<>xP", strict=False):
-        dark = {"dead reckoning": style.TRUTH, "least squares": style.ESTIMATE}.get(name)
-        ax.semilogy(p, rmse, marker=marker, mfc="none", color=dark, label=name)
+        ax.semilogy(p, rmse, marker=marker, mfc="none", color=colours[name], label=name)
     ax.set(xlabel=WRONG_LABEL, ylabel="pose RMSE [m]")
     ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.yaxis.set_major_formatter("{x:g}")

@@ -16,6 +16,7 @@ SAMPLES = "#009E73"  # nested sampling
 PRINTED = "#999999"  # the paper's printed values
 PRIOR = "#CC79A7"
 LANDMARK = "#E69F00"
+SEQUENCE = ["#56B4E9", SAMPLES, LANDMARK, TRIGGERED, PRIOR, PRINTED]  # where none of these is meant
 
 RC = {
     "font.family": "STIXGeneral",

@@ -6,7 +6,16 @@ import pytest
 from gtsam.symbol_shorthand import L
 from scipy import stats
 
-from sngr_utils import bimodal, compiled, compiled_nested, engines, importance, nested, refine
+from sngr_utils import (
+    bimodal,
+    compiled,
+    compiled_nested,
+    engines,
+    full_sngr,
+    importance,
+    nested,
+    refine,
+)
 from sngr_utils.compiled_walk import CompiledWalk
 
 LONG = nested.SamplerSettings(min_walks=50)
@@ -242,3 +251,21 @@ def test_trace_is_sorted_and_weights_sum_to_one():
     assert np.all(np.diff(trace.log_likelihoods) >= 0)
     assert np.exp(trace.log_weights).sum() == pytest.approx(1)
     assert np.allclose(compiled.log_likelihoods(factors, trace.samples), trace.log_likelihoods)
+
+
+def test_everything_compiles_beforehand():
+    engines.compile_all()
+
+
+@pytest.mark.parametrize("engine", COMPILED)
+def test_the_full_pipeline_takes_every_engine(engine):
+    """Gains of settled windows agree with the reference engine's to the noise of a mean."""
+    config = full_sngr.Config(
+        p_levels=[0.0], p_diagnosed=0.0, p_noop=0.0, min_walks=50, engine=engine
+    )  # fmt: skip
+    level = full_sngr.run_level(config, 0.0)
+    assert len(level.windows) > 0
+    assert np.all(level.gains < 0.01)
+    assert np.all(level.gains > -0.2)  # d / 2n for n = 50 is 0.09
+    with pytest.raises(ValueError, match="engine"):
+        full_sngr.Config(engine="quick")
