@@ -8,11 +8,18 @@ from sngr_utils import report, sweeps
 t = report.text
 
 
+NOTHING_MISSING = pd.Series({"missing": 0})
+FEW = 5  # worlds below which no interval is shown
+
+
 def interval(row: pd.Series, fmt: str = ".2f") -> str:
-    """ "mean [low, high]"; only the mean where there is no interval."""
-    if np.isnan(row["low"]):
-        return t(row["mean"], fmt)
-    return f"{t(row['mean'], fmt)} [{t(row['low'], fmt)}, {t(row['high'], fmt)}]"
+    """ "mean [low, high] (n)"; no interval below five worlds, n only where worlds are left out."""
+    if row["n"] == 0:
+        return report.NONE
+    shown = t(row["mean"], fmt)
+    if row["n"] >= FEW:
+        shown += f" [{t(row['low'], fmt)}, {t(row['high'], fmt)}]"
+    return shown + (f" ({row['n']})" if row["missing"] else "")
 
 
 def by_preset(
@@ -29,21 +36,20 @@ def by_preset(
 
 
 def detection_table(detections: pd.DataFrame, runs: pd.DataFrame, tau: float) -> pd.DataFrame:
-    """Triggers, precision beside the base rate, recall, MCC, with the worlds they rest on."""
-    at = detections[np.isclose(detections["tau"], tau)]
-    columns = {
-        name: sweeps.summary(at, name) for name in ("triggered", "precision", "recall", "mcc")
-    }
-    base = sweeps.summary(runs, "base_rate")
+    """Triggers, precision, how far it is above the base rate of the same worlds, recall, MCC."""
+    at = detections[np.isclose(detections["tau"], tau)].reset_index(drop=True)
+    keys = ["preset", "p", "seed"]
+    base = at[keys].merge(runs[[*keys, "base_rate"]], on=keys)["base_rate"]
+    at = at.assign(above=(at["precision"] - base).where((base > 0) & (base < 1)))
+    names = {"triggered": ".1f", "precision": ".2f", "above": ".3f", "recall": ".2f", "mcc": ".2f"}
+    columns = {name: sweeps.summary(at, name) for name in names}
+    rates = sweeps.summary(runs, "base_rate")
     rows = []
-    for i, row in base.iterrows():
-        precision = columns["precision"].loc[i]
-        rows.append([
-            row["preset"], f"{row['p']:g}", interval(columns["triggered"].loc[i], ".1f"),
-            f"{interval(precision)} ({precision['n']})", t(row["mean"]),
-            interval(columns["recall"].loc[i]), interval(columns["mcc"].loc[i]),
-        ])  # fmt: skip
-    heads = ["preset", "p", "triggered", "precision (worlds)", "base rate", "recall", "MCC"]
+    for i, row in rates.iterrows():
+        cells = [interval(columns[name].loc[i], fmt) for name, fmt in names.items()]
+        rows.append([row["preset"], f"{row['p']:g}", *cells[:2], t(row["mean"]), *cells[2:]])
+    heads = ["preset", "p", "triggered", "precision", "base rate", "above base rate, paired",
+             "recall", "MCC"]  # fmt: skip
     return pd.DataFrame(rows, columns=heads)
 
 
@@ -64,13 +70,18 @@ def silent_table(detections: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=heads)
 
 
-def auc_table(rows: list[tuple]) -> pd.DataFrame:
+def auc_table(rows: pd.DataFrame) -> pd.DataFrame:
     """`audit.auc_rows` as text."""
     shown = [
-        [preset, f"{p:g}", t(auc), f"[{t(low)}, {t(high)}]", t(average), t(base)]
-        for preset, p, auc, (low, high), average, base in rows
-    ]
-    heads = ["preset", "p", "ROC AUC", "95 % interval", "average precision", "base rate"]
+        [
+            row["preset"], f"{row['p']:g}", t(row["pooled"]),
+            interval(row.rename({"within": "mean", "worlds": "n"}).combine_first(NOTHING_MISSING)),
+            str(row["worlds"]), t(row["average_precision"]), t(row["base_rate"]),
+        ]
+        for _, row in rows.iterrows()
+    ]  # fmt: skip
+    heads = ["preset", "p", "pooled AUC", "AUC within worlds", "worlds", "average precision",
+             "base rate"]  # fmt: skip
     return pd.DataFrame(shown, columns=heads)
 
 
@@ -91,7 +102,11 @@ def units_table(scores: pd.DataFrame) -> pd.DataFrame:
 
 
 def gains_table(refined: pd.DataFrame) -> pd.DataFrame:
-    """What refinement does, per preset and p: gains are medians over worlds of each statistic."""
+    """What refinement does, per preset and p.
+
+    Gains are medians, over worlds where anything fires, of each world's least, median and
+    largest; the change of the RMSE is a mean over all worlds, also those where nothing fires.
+    """
     rows = []
     for (preset, p), group in refined.groupby(["preset", "p"], sort=False):
         change = 1e3 * (group["sngr_pose_rmse"] - group["base_pose_rmse"])
@@ -102,8 +117,8 @@ def gains_table(refined: pd.DataFrame) -> pd.DataFrame:
             t(group["gain_min"].median(), ".3f"), t(group["gain_median"].median(), ".3f"),
             t(group["gain_max"].median(), ".2f"), interval(change, ".1f"),
         ])  # fmt: skip
-    heads = ["preset", "p", "refined", "accepted [%]", "least gain", "median gain", "largest gain",
-             "RMSE change [mm]"]  # fmt: skip
+    heads = ["preset", "p", "refined, mean", "accepted [%]", "least gain [nats]",
+             "median gain [nats]", "largest gain [nats]", "RMSE change [mm]"]  # fmt: skip
     return pd.DataFrame(rows, columns=heads)
 
 
@@ -122,21 +137,19 @@ def corrected_table(table: pd.DataFrame) -> pd.DataFrame:
             f"{p:g}", preset, variant, t(100 * share, ".0f"),
             t(group["gain_median"].median(), ".3f"), t(group["gain_max"].median(), ".3f"),
             interval(each["settled"], ".0f") if variant != "paper" else report.NONE,
-            interval(each["refined"], ".1f"),
+            interval(each["refined"], ".1f"), t(group["sngr_nees"].median(), ".1f"),
         ])  # fmt: skip
-    heads = ["p", "preset", "version", "accepted [%]", "median gain", "largest gain",
-             "settling: RMSE change [mm]", "refining: RMSE change [mm]"]  # fmt: skip
+    heads = ["p", "preset", "version", "accepted [%]", "median gain [nats]", "largest gain [nats]",
+             "settling: RMSE change [mm]", "refining: RMSE change [mm]", "NEES"]  # fmt: skip
     return pd.DataFrame(rows, columns=heads)
 
 
 def widths_table(widths: pd.DataFrame) -> pd.DataFrame:
-    """Sampled standard deviation over the conditional and the marginal one."""
+    """Sampled standard deviation over the conditional and the marginal one; errors over worlds."""
     rows = []
     for reading, group in widths.groupby("reading", sort=False):
-        cells = [
-            f"{t(group[name].mean(), '.3f')} ± {t(report.standard_error(group[name]), '.3f')}"
-            for name in ("over_conditional", "over_marginal")
-        ]
+        worlds = group.groupby("seed")[["over_conditional", "over_marginal"]].mean()
+        cells = [mean_and_error(worlds[name], ".3f") for name in worlds]
         rows.append([reading, cells[0], t(group["predicted_conditional"].mean(), ".3f"), cells[1]])
     heads = ["target", "over conditional", "predicted, Gaussian", "over marginal"]
     return pd.DataFrame(rows, columns=heads)
@@ -175,17 +188,21 @@ def gaussianity_table(found: pd.DataFrame) -> pd.DataFrame:
             t(used["difference"].mean(), ".4f"), t(used["difference"].abs().max(), ".3f"),
             t(used["error"].mean(), ".4f"), str(beyond), str(int((group["modes"] > 1).sum())),
         ])  # fmt: skip
-    heads = ["separators", "preset", "windows", "left out", "mean", "largest", "standard error",
-             "beyond 3 errors", "more than one mode"]  # fmt: skip
+    heads = ["separators", "preset", "windows", "left out", "mean [nats]", "largest",
+             "standard error", "beyond 3 errors", "more than one mode"]  # fmt: skip
     return pd.DataFrame(rows, columns=heads)
 
 
 def ess_table(ess: pd.DataFrame) -> pd.DataFrame:
-    """ESS shares of windows and of exact Gaussians of the same covariances."""
-    rows = []
-    for scale, group in ess.groupby("scale"):
-        shares = [group.loc[group["kind"] == kind, "ess_share"] for kind in ("Gaussian", "window")]
-        rows.append([f"{scale:g}", *(mean_and_error(share) for share in shares)])
+    """ESS shares of windows and of exact Gaussians of the same covariances; errors over worlds."""
+    worlds = ess.groupby(["scale", "kind", "seed"])["ess_share"].mean()
+    rows = [
+        [
+            f"{scale:g}",
+            *(mean_and_error(worlds[scale, kind], ".3f") for kind in ("Gaussian", "window")),
+        ]
+        for scale in worlds.index.unique("scale")
+    ]
     return pd.DataFrame(rows, columns=["c", "exact Gaussian", "window"])
 
 
@@ -199,7 +216,7 @@ def evidence_table(checks: pd.DataFrame) -> pd.DataFrame:
             t(in_errors.max(), ".1f"), str(int((in_errors > 3).sum())),
             t(float(np.exp(np.log(group["sd_ratio"]).mean()))),
         ])  # fmt: skip
-    heads = ["separators", "d", "windows", "mean difference", "largest, in errors",
+    heads = ["separators", "d", "windows", "mean difference [nats]", "largest, in errors",
              "beyond 3 errors", "sd ratio"]  # fmt: skip
     return pd.DataFrame(rows, columns=heads)
 
@@ -240,13 +257,19 @@ def robust_table(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def readings_table(readings: pd.DataFrame) -> pd.DataFrame:
-    """Mean of every reading with its standard error; worlds or runs down, readings across."""
+    """Mean of every reading with its standard error, and its range: over worlds, or over runs."""
+    if "seed" in readings:
+        readings = readings.drop(columns=["window", "preset"]).groupby("seed").mean()
     columns = [name for name in readings.columns if name not in ("window", "preset", "seed")]
     rows = [
-        [name, f"{t(x.mean(), '.4g')} ± {t(report.standard_error(x), '.2g')}"]
+        [
+            name,
+            f"{t(x.mean(), '.4g')} ± {t(report.standard_error(x), '.2g')}",
+            f"{t(x.min(), '.4g')} to {t(x.max(), '.4g')}",
+        ]
         for name, x in ((name, readings[name]) for name in columns)
     ]
-    return pd.DataFrame(rows, columns=["reading", "ours"])
+    return pd.DataFrame(rows, columns=["reading", "ours", "range"])
 
 
 def curve_series(frame: pd.DataFrame, value: str) -> dict[str, tuple[np.ndarray, ...]]:

@@ -141,46 +141,40 @@ def precision_recall_curve(scores: np.ndarray, truth: np.ndarray) -> tuple[np.nd
     return recall, precision
 
 
-def roc_auc_interval(
-    scores: np.ndarray,
-    truth: np.ndarray,
-    worlds: np.ndarray,
-    *,
-    rng: np.random.Generator,
-    level: float = 0.95,
-    n_resamples: int = 2000,
-) -> tuple[float, float]:
-    """Percentile bootstrap interval of a pooled AUC, drawing whole worlds.
+def within_auc(
+    scores: np.ndarray, truth: np.ndarray, worlds: np.ndarray, *, rng: np.random.Generator
+) -> tuple[float, tuple[float, float], int]:
+    """AUC from pairs of cases of the same world only, its 95 % interval, and worlds that count.
 
-    Windows of one world share its landmarks and its wrong associations, so they are no
-    independent cases: drawing single windows would give too short an interval. The AUC of a
-    resample needs only how often each world was drawn, m: it is m' W m / (m' P * m' Q), W the
-    won pairs between the true cases of one world and the false cases of another, P and Q the
-    numbers of true and false cases. Resamples with an empty class are left out.
+    A pooled AUC also compares cases of different worlds, whose scores may differ in level; this
+    one asks whether a score ranks the cases of one world. Worlds where all cases are alike have
+    no pair. The interval draws whole worlds; NaN below five of them, which say too little.
 
     Parameters
     ----------
-    scores, truth : as `roc_auc`
+    scores : (N,) higher means more likely true
+    truth : (N,) bool
     worlds : (N,) which world each case is of, e.g. its seed
-
-    Returns
-    -------
-    lower and upper end; NaN, NaN if a class is empty
 
     Source: Field & Welsh, Bootstrapping clustered data, JRSS B 69, 2007.
     """
-    if not _mixed(truth):
-        return float("nan"), float("nan")
-    scores, truth = np.asarray(scores, dtype=float), np.asarray(truth, dtype=bool)
-    names, index = np.unique(worlds, return_inverse=True)
-    member = (index[:, None] == np.arange(len(names))).astype(float)
-    gap = scores[truth][:, None] - scores[~truth]
-    won = member[truth].T @ ((gap > 0) + 0.5 * (gap == 0)) @ member[~truth]
-    drawn = rng.multinomial(len(names), np.full(len(names), 1 / len(names)), size=n_resamples)
-    pairs = (drawn @ member[truth].sum(axis=0)) * (drawn @ member[~truth].sum(axis=0))
-    areas = np.sum(drawn @ won * drawn, axis=1)[pairs > 0] / pairs[pairs > 0]
-    low, high = np.quantile(areas, [(1 - level) / 2, (1 + level) / 2])
-    return float(low), float(high)
+    won, pairs = [], []
+    for name in np.unique(worlds):
+        here = np.asarray(worlds) == name
+        positive, negative = scores[here & truth], scores[here & ~truth]
+        if len(positive) and len(negative):
+            gap = positive[:, None] - negative
+            won.append(float(np.sum((gap > 0) + 0.5 * (gap == 0))))
+            pairs.append(gap.size)
+    n = len(pairs)
+    if n == 0:
+        return float("nan"), (float("nan"), float("nan")), 0
+    won, pairs = np.array(won), np.array(pairs)
+    if n < 5:
+        return float(won.sum() / pairs.sum()), (float("nan"), float("nan")), n
+    drawn = rng.multinomial(n, np.full(n, 1 / n), size=2000)
+    low, high = np.quantile((drawn @ won) / (drawn @ pairs), [0.025, 0.975])
+    return float(won.sum() / pairs.sum()), (float(low), float(high)), n
 
 
 def _mixed(truth: np.ndarray) -> bool:

@@ -25,8 +25,10 @@ def run_sweep(
     """SNGR on every world under every preset, one row per variant, preset, p and seed.
 
     The paper's settings, but for 50 walks instead of 9, in the compiled nested sampler. The
-    corrected variants start from the batch estimate and refine the windows the paper's trigger
-    fires on at iSAM2's, so rows of one world differ in the method alone.
+    corrected variants are sampled by importance sampling (`corrected.sample_target`), with which
+    nested sampling agrees (`sampler_audit.evidence_check`). They start from the batch estimate
+    and refine the windows the paper's trigger fires on at iSAM2's, so rows of one world differ
+    in the method alone.
 
     Parameters
     ----------
@@ -40,9 +42,8 @@ def run_sweep(
     pose of the window that gains most); ess_share (median); isam2_pose_rmse, base_pose_rmse
     (before refinement: the same, or the batch estimate's), sngr_pose_rmse,
     sngr_landmark_rmse [m] (refinement moves poses only); isam2_nees, base_nees, sngr_nees;
-    saving (all windows at the mean calls of the refined ones, over the calls made: an
-    estimate); noop (mean log weight of the trigger-only baseline, in expectation, [nats]).
-    NaN where nothing fires
+    saving (all windows over the refined ones: what is saved if each costs the same); noop (mean
+    log weight of the trigger-only baseline, in expectation, [nats]). NaN where nothing fires
 
     Raises
     ------
@@ -112,7 +113,7 @@ def _corrected(
     base: Baseline, which: np.ndarray, variant: str, frame: str, rng: np.random.Generator
 ) -> dict[str, float]:
     settings = corrected.CorrectedSettings(separators=variant)
-    sampler = nested.SamplerSettings(min_walks=corrected.LONG_WALKS)
+    sampler = nested.SamplerSettings()
     run = corrected.run(base, which, settings, sampler, corrected.NoiseGate(), frame=frame, rng=rng)
     return {
         **_window_row(base, run.windows),
@@ -142,13 +143,3 @@ def _window_row(base: Baseline, refined: list[refine.RefinedWindow]) -> dict[str
         "ess_share": float(np.median([window.run.ess_share for window in refined])),
         "saving": len(base.covariances) / len(refined),
     }
-
-
-def differences(table: pd.DataFrame, value: str, variant: str) -> pd.DataFrame:
-    """A variant less the paper's on the same worlds: p, seed, preset and the difference."""
-    key = ["preset", "p", "seed"]
-    ours, paper = (
-        table.loc[table["variant"] == name, [*key, value]] for name in (variant, "paper")
-    )
-    both = ours.merge(paper, on=key, suffixes=("", "_paper"))
-    return both.assign(difference=both[value] - both[f"{value}_paper"])[[*key, "difference"]]

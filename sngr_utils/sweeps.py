@@ -28,8 +28,8 @@ class Sweep:
         reckoning from the true first pose) [m], nees, failed (number of failed windows),
         base_rate (share of failed windows among those that may fire)
     detections : one row per preset, p, seed and tau: triggered, tp, fp, fn, tn, precision,
-        recall, mcc. Over all windows, as the paper counts, also the first
-        `windows.FIRST_ELIGIBLE`, which never fire
+        recall, over all windows, as the paper counts, also the first `windows.FIRST_ELIGIBLE`,
+        which never fire; and mcc, over those that may
     scores : one row per preset, p, seed and window: score, score_cm (with positions in
         centimetres), log_lambda_min, log_lambda_max, failed, eligible (may it fire?)
     """
@@ -116,7 +116,9 @@ def _detection_row(run: Baseline, tau: float) -> dict[str, float]:
         "tp": found.true_positives, "fp": found.false_positives,
         "fn": found.false_negatives, "tn": found.true_negatives,
     }  # fmt: skip
-    rates = {"precision": found.precision, "recall": found.recall, "mcc": found.matthews}
+    eligible = slice(windows.FIRST_ELIGIBLE, None)
+    may_fire = metrics.detection(run.fired(tau)[eligible], run.failed[eligible])
+    rates = {"precision": found.precision, "recall": found.recall, "mcc": may_fire.matthews}
     return {"tau": tau, "triggered": found.triggered, **counts, **rates}
 
 

@@ -4,7 +4,6 @@ All functions take a `baseline.Baseline`, i.e. one world under one preset, and r
 window (or window and setting), so that many worlds are rows of one table.
 """
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -88,8 +87,8 @@ def marginal_over_conditional(base: Baseline) -> pd.DataFrame:
 
     Returns
     -------
-    one row per window: geometric_mean, largest_coordinate (of the nine), smallest_direction,
-    largest_direction (roots of the generalised eigenvalues: extremes over all directions)
+    one row per window: geometric_mean (of the nine coordinates), largest_direction (the root of
+    the largest generalised eigenvalue: the extreme over all directions)
     """
     solution, rows = base.solution, []
     for t, marginal in enumerate(base.covariances):
@@ -100,35 +99,8 @@ def marginal_over_conditional(base: Baseline) -> pd.DataFrame:
         rows.append({
             "window": t,
             "geometric_mean": _log_ratio(marginal, conditional),
-            "largest_coordinate": float(np.sqrt(np.max(np.diag(marginal) / np.diag(conditional)))),
-            "smallest_direction": float(np.sqrt(extremes[0])),
             "largest_direction": float(np.sqrt(extremes[-1])),
         })
-    return pd.DataFrame(rows)
-
-
-def gauss_newton_over_full(solution: Solution) -> pd.DataFrame:
-    """How much wider windows are with the full Hessian than GTSAM's Gauss-Newton marginals say.
-
-    Returns
-    -------
-    one row per window: geometric_mean and largest_direction of the ratio of standard
-    deviations; NaN if the full Hessian at the estimate is not positive definite
-    """
-    full, linear = posterior.expand(solution), posterior.expand(solution, full=False)
-    rows = []
-    for t in range(windows.n_windows(solution.n_poses)):
-        keys = windows.window_keys(t)
-        wide, narrow = (posterior.eliminated(pieces, keys)[0] for pieces in (full, linear))
-        root = np.linalg.inv(np.linalg.cholesky(narrow))
-        least = np.linalg.eigvalsh(root @ wide @ root.T)[0]
-        sound = np.linalg.eigvalsh(wide)[0] > 0
-        rows.append({
-            "window": t,
-            "geometric_mean": _log_ratio(np.linalg.inv(wide), np.linalg.inv(narrow))
-            if sound else np.nan,
-            "largest_direction": 1 / math.sqrt(least) if sound else np.nan,
-        })  # fmt: skip
     return pd.DataFrame(rows)
 
 

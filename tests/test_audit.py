@@ -68,7 +68,7 @@ def test_tables_are_whole(small, sweep, studies):
     n_levels, n_presets = len(small.p_levels), len(graph.PRESETS)
     printed = {0.0: 0.15}
     assert tables.by_preset(runs, "pose_rmse", printed=printed).shape == (n_levels, 2 + n_presets)
-    assert tables.detection_table(detections, runs, small.tau).shape == (n_levels * n_presets, 7)
+    assert tables.detection_table(detections, runs, small.tau).shape == (n_levels * n_presets, 8)
     assert len(tables.silent_table(detections)) == len(small.taus)
     rows = audit.auc_rows(sweep, rng=np.random.default_rng(0))
     assert len(tables.auc_table(rows)) == n_levels * n_presets
@@ -83,9 +83,11 @@ def test_tables_are_whole(small, sweep, studies):
 
 
 def test_interval_and_its_absence():
-    row = pd.Series({"mean": 1.0, "low": 0.5, "high": 1.5})
+    row = pd.Series({"mean": 1.0, "low": 0.5, "high": 1.5, "n": 9, "missing": 0})
     assert tables.interval(row) == "1.00 [0.50, 1.50]"
-    assert tables.interval(row.replace({0.5: np.nan})) == "1.00"
+    assert tables.interval(row.replace({0: 2})) == "1.00 [0.50, 1.50] (9)"
+    assert tables.interval(pd.Series({**row, "n": 4, "missing": 5})) == "1.00 (4)"
+    assert tables.interval(pd.Series({**row, "n": 0})) == "–"
 
 
 def test_readings_of_the_noop_weight_hold_the_closed_form(noisy):

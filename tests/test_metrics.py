@@ -93,46 +93,37 @@ def test_average_precision_closed_form():
     assert precision == pytest.approx([0.5, 2 / 3, 0.5, 1, 1])
 
 
-@pytest.mark.parametrize("truth", [np.ones(3, dtype=bool), np.zeros(3, dtype=bool)])
-def test_an_empty_class_has_no_curve(truth):
+def test_auc_within_worlds_is_not_fooled_by_their_levels():
+    """Perfect ranking in each world, hidden in the pool by levels that run the other way."""
+    scores = np.array([0.0, 1.0, 10.0, 11.0])
+    truth = np.array([False, True, False, True])
+    worlds = np.array([0, 0, 1, 1])
+    assert metrics.roc_auc(scores, truth) < 1
+    rng = np.random.default_rng(0)
+    within, (low, high), n = metrics.within_auc(scores, truth, worlds, rng=rng)
+    assert (within, n) == (1.0, 2)
+    assert np.isnan([low, high]).all()  # two worlds say too little
+    many = metrics.within_auc(
+        np.tile(scores, 5), np.tile(truth, 5), np.repeat(np.arange(10), 2), rng=rng
+    )
+    assert many == (1.0, (1.0, 1.0), 10)
+    alone = metrics.within_auc(scores, np.ones(4, bool), worlds, rng=rng)
+    assert np.isnan(alone[0])
+    assert alone[2] == 0
+
+
+def test_auc_within_one_world_is_the_auc():
+    rng = np.random.default_rng(2)
+    scores, truth = rng.normal(size=40), rng.random(40) < 0.4
+    within, _, _ = metrics.within_auc(scores, truth, np.zeros(40), rng=rng)
+    assert within == pytest.approx(metrics.roc_auc(scores, truth))
+
+
+@pytest.mark.parametrize("value", [True, False])
+def test_an_empty_class_has_no_area_and_no_curve(value):
+    truth = np.full(3, value)
     assert np.isnan(metrics.roc_auc(np.arange(3.0), truth))
     assert np.isnan(metrics.average_precision(np.arange(3.0), truth))
-    ends = metrics.roc_auc_interval(np.arange(3.0), truth, [0, 1, 2], rng=np.random.default_rng(0))
-    assert np.isnan(ends).all()
     for curve in (metrics.roc_curve, metrics.precision_recall_curve):
         with pytest.raises(ValueError, match="one class only"):
             curve(np.arange(3.0), truth)
-
-
-def clustered(n_worlds=12, n_windows=9):
-    rng = np.random.default_rng(2)
-    worlds = np.repeat(np.arange(n_worlds), n_windows)
-    truth = rng.random(len(worlds)) < rng.random(n_worlds)[worlds]
-    scores = np.round(truth + rng.normal(size=n_worlds)[worlds] + rng.normal(size=len(worlds)), 1)
-    return scores, truth, worlds
-
-
-def test_auc_interval_is_that_of_pooled_resamples():
-    """The same draws of worlds, their windows laid end to end and handed to scikit-learn."""
-    scores, truth, worlds = clustered()
-    drawn = np.random.default_rng(3).multinomial(12, np.full(12, 1 / 12), size=200)
-    areas = []
-    for counts in drawn:
-        chosen = np.concatenate([np.flatnonzero(worlds == w) for w in np.repeat(range(12), counts)])
-        areas.append(metrics.roc_auc(scores[chosen], truth[chosen]))
-    ends = metrics.roc_auc_interval(
-        scores, truth, worlds, rng=np.random.default_rng(3), n_resamples=200
-    )
-    assert ends == pytest.approx(np.quantile(areas, [0.025, 0.975]))
-
-
-def test_auc_interval_is_not_shortened_by_windows_that_say_the_same():
-    scores, truth, worlds = clustered()
-    copies = [np.tile(values, 5) for values in (scores, truth, worlds)]
-    once = metrics.roc_auc_interval(scores, truth, worlds, rng=np.random.default_rng(4))
-    again = metrics.roc_auc_interval(*copies, rng=np.random.default_rng(4))
-    assert again == pytest.approx(once)
-    blind = metrics.roc_auc_interval(
-        copies[0], copies[1], np.arange(len(copies[0])), rng=np.random.default_rng(4)
-    )
-    assert once[1] - once[0] > 2 * (blind[1] - blind[0])
