@@ -19,7 +19,7 @@ def interval(row: pd.Series, fmt: str = ".2f") -> str:
     shown = t(row["mean"], fmt)
     if row["n"] >= FEW:
         shown += f" [{t(row['low'], fmt)}, {t(row['high'], fmt)}]"
-    return shown + (f" ({row['n']})" if row["missing"] else "")
+    return shown + (f" ({int(row['n'])})" if row["missing"] else "")
 
 
 def by_preset(

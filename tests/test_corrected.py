@@ -1,4 +1,5 @@
 import gtsam
+import joblib
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
@@ -15,6 +16,7 @@ from sngr_utils import (
     nested,
     posterior,
     refine,
+    refined_sweep,
     sampler_audit,
     window_audit,
     windows,
