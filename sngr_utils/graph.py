@@ -154,7 +154,6 @@ def run_isam2(
     world: World,
     conventions: Conventions,
     x0_mean: np.ndarray | None = None,
-    extra_updates: int = 0,
 ) -> Solution:
     """Feed the world to iSAM2 pose by pose, one update per pose (paper, Algorithm 1, line 1).
 
@@ -165,7 +164,6 @@ def run_isam2(
     Parameters
     ----------
     x0_mean : (3,) mean of the prior on the first pose, [m, m, rad]; the true pose if None
-    extra_updates : empty updates after each pose's own, for iSAM2 to relinearise in
     """
     x0_mean = world.poses[0] if x0_mean is None else x0_mean
     params = gtsam.ISAM2Params()
@@ -200,8 +198,6 @@ def run_isam2(
                 for s, waited in waiting.pop(k):
                     factors.push_back(range_factor(s, k, waited, world.scenario.range_sigma))
         isam.update(factors, start)
-        for _ in range(extra_updates):
-            isam.update()
         graph.push_back(factors)
         estimate = isam.calculateEstimate()
     return Solution(isam, graph, estimate, world.n_poses, world.n_landmarks)
