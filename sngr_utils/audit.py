@@ -258,7 +258,7 @@ def record(
         here = f"audit.{preset}.p{p:g}.tau{tau:g}"
         for name in ("triggered", "precision", "recall", "tp", "fp", "fn"):
             to.sample(f"{here}.{name}", rows[name].astype(float))
-        to.sample(f"{here}.precision_over_base", precision_over_base(rows, sweep.runs))
+        to.sample(f"{here}.precision_over_base", sweeps.precision_over_base(rows, sweep.runs))
     medians = sweep.scores.groupby(["preset", "p", "seed"], sort=False)["score"].median()
     for (preset, p), values in medians.groupby(level=["preset", "p"], sort=False):
         to.sample(f"audit.{preset}.p{p:g}.median_score", values)
@@ -272,17 +272,6 @@ def record(
     for preset, rows in gaussian_ess.groupby("preset", sort=False):
         key = f"audit.{preset}.p{config.p_windows:g}.gaussian_ess_share"
         to.sample(key, rows["ess_share"])
-
-
-def precision_over_base(detections: pd.DataFrame, runs: pd.DataFrame) -> pd.Series:
-    """Precision less the base rate of the same world; NaN where nothing fired or all are alike.
-
-    Where all windows that may fire failed, or none did, no trigger can do better than chance.
-    """
-    keys = ["preset", "p", "seed"]
-    base = detections[keys].merge(runs[[*keys, "base_rate"]], on=keys)["base_rate"].to_numpy()
-    open_question = (base > 0) & (base < 1)
-    return pd.Series(np.where(open_question, detections["precision"].to_numpy() - base, np.nan))
 
 
 def record_findings(

@@ -38,9 +38,7 @@ def by_preset(
 def detection_table(detections: pd.DataFrame, runs: pd.DataFrame, tau: float) -> pd.DataFrame:
     """Triggers, precision, how far it is above the base rate of the same worlds, recall, MCC."""
     at = detections[np.isclose(detections["tau"], tau)].reset_index(drop=True)
-    keys = ["preset", "p", "seed"]
-    base = at[keys].merge(runs[[*keys, "base_rate"]], on=keys)["base_rate"]
-    at = at.assign(above=(at["precision"] - base).where((base > 0) & (base < 1)))
+    at = at.assign(above=sweeps.precision_over_base(at, runs))
     names = {"triggered": ".1f", "precision": ".2f", "above": ".3f", "recall": ".2f", "mcc": ".2f"}
     columns = {name: sweeps.summary(at, name) for name in names}
     rates = sweeps.summary(runs, "base_rate")
@@ -110,7 +108,7 @@ def gains_table(refined: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for (preset, p), group in refined.groupby(["preset", "p"], sort=False):
         change = 1e3 * (group["sngr_pose_rmse"] - group["base_pose_rmse"])
-        change = sweeps.summary(pd.DataFrame({"all": 0, "x": change}), "x", by=["all"]).iloc[0]
+        change = sweeps.mean_and_errors(change)
         share = group["accepted"].sum() / max(group["triggered"].sum(), 1)
         rows.append([
             preset, f"{p:g}", t(group["triggered"].mean(), ".1f"), t(100 * share, ".0f"),
@@ -128,16 +126,12 @@ def corrected_table(table: pd.DataFrame) -> pd.DataFrame:
     for (p, preset, variant), group in table.groupby(["p", "preset", "variant"]):
         settled = 1e3 * (group["base_pose_rmse"] - group["isam2_pose_rmse"])
         refined = 1e3 * (group["sngr_pose_rmse"] - group["base_pose_rmse"])
-        frame = pd.DataFrame({"all": 0, "settled": settled, "refined": refined})
-        each = {
-            name: sweeps.summary(frame, name, by=["all"]).iloc[0] for name in ("settled", "refined")
-        }
         share = group["accepted"].sum() / max(group["triggered"].sum(), 1)
         rows.append([
             f"{p:g}", preset, variant, t(100 * share, ".0f"),
             t(group["gain_median"].median(), ".3f"), t(group["gain_max"].median(), ".3f"),
-            interval(each["settled"], ".0f") if variant != "paper" else report.NONE,
-            interval(each["refined"], ".1f"), t(group["sngr_nees"].median(), ".1f"),
+            interval(sweeps.mean_and_errors(settled), ".0f") if variant != "paper" else report.NONE,
+            interval(sweeps.mean_and_errors(refined), ".1f"), t(group["sngr_nees"].median(), ".1f"),
         ])  # fmt: skip
     heads = ["p", "preset", "version", "accepted [%]", "median gain [nats]", "largest gain [nats]",
              "settling: RMSE change [mm]", "refining: RMSE change [mm]", "NEES"]  # fmt: skip

@@ -177,9 +177,7 @@ def reference(
     rng: np.random.Generator,
 ) -> Reference:
     """Evidence and moments of a window by importance sampling with very many draws."""
-    factors = compiled.flatten(
-        likelihood.factors, likelihood.estimate, likelihood.keys, likelihood.factor
-    )
+    factors = engines.flattened(likelihood)
     cholesky = np.linalg.cholesky(settings.prior_scale * covariance)
     fast = importance.FastSettings(n_draws=draws)
     run = importance.sample(factors, cholesky, fast, rng=rng)
@@ -251,9 +249,7 @@ def ratio(performances: dict[str, Performance], name: str) -> float:
 def likelihood_seconds(base: Baseline, t: int, factor: float, calls: int) -> float:
     """CPU time of one compiled likelihood of window t, in a batch of `calls`, [s]."""
     likelihood = refine.window_likelihood(base.solution, t, factor)
-    factors = compiled.flatten(
-        likelihood.factors, likelihood.estimate, likelihood.keys, likelihood.factor
-    )
+    factors = engines.flattened(likelihood)
     xis = np.zeros((calls, likelihood.dimension))
     compiled.log_likelihoods(factors, xis)
     return min(timed(lambda: compiled.log_likelihoods(factors, xis))[1] for _ in range(5)) / calls

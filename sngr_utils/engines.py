@@ -71,10 +71,14 @@ def sample_window(
     if engine == "dynesty":
         transform = prior_transform(covariance, settings.prior_scale)
         return run_nested(likelihood, transform, likelihood.dimension, settings, rng=rng)
-    factors = compiled.flatten(
+    return sample_factors(flattened(likelihood), covariance, settings, engine, rng=rng)
+
+
+def flattened(likelihood: LocalLikelihood) -> compiled.Factors:
+    """A likelihood of GTSAM's factors as the arrays that the compiled engines read."""
+    return compiled.flatten(
         likelihood.factors, likelihood.estimate, likelihood.keys, likelihood.factor
     )
-    return sample_factors(factors, covariance, settings, engine, rng=rng)
 
 
 def sample_factors(

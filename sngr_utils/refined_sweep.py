@@ -92,7 +92,7 @@ def _paper(
     )
     updated = refine.apply_updates(base.solution.estimate, refined)
     truth = base.world.poses[:, :2]
-    errors = graph.poses_of(updated, len(truth))[:, :2] - truth
+    positions = graph.poses_of(updated, len(truth))[:, :2]
     covariances = graph.position_covariances(base.solution, frame)
     noop = refine.TriggerOnly().noop_sigma
     weights = [refine.noop_expected_log_weight(base.covariances[t], noop) for t in which]
@@ -100,11 +100,11 @@ def _paper(
         **_window_row(base, refined),
         "isam2_pose_rmse": base.pose_rmse,
         "base_pose_rmse": base.pose_rmse,
-        "sngr_pose_rmse": float(np.sqrt(np.mean(np.sum(errors**2, axis=1)))),
+        "sngr_pose_rmse": metrics.rmse(positions, truth),
         "sngr_landmark_rmse": base.landmark_rmse,
         "isam2_nees": base.nees,
         "base_nees": base.nees,
-        "sngr_nees": metrics.nees(errors, covariances),
+        "sngr_nees": metrics.nees(positions - truth, covariances),
         "noop": float(np.mean(weights)) if weights else np.nan,
     }
 

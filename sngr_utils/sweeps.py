@@ -153,10 +153,11 @@ def summary(frame: pd.DataFrame, value: str, by: Sequence[str] = ("preset", "p")
     low and high are NaN for a single value, mean too for none.
     """
     groups = frame.groupby(list(by), sort=False)[value]
-    return groups.apply(_mean_and_errors).unstack().reset_index().astype({"n": int, "missing": int})
+    return groups.apply(mean_and_errors).unstack().reset_index().astype({"n": int, "missing": int})
 
 
-def _mean_and_errors(values: pd.Series) -> pd.Series:
+def mean_and_errors(values: pd.Series) -> pd.Series:
+    """The row of `summary` for one group of values."""
     used = values.dropna().to_numpy(dtype=float)
     n = len(used)
     mean = used.mean() if n else np.nan
@@ -170,6 +171,17 @@ def _mean_and_errors(values: pd.Series) -> pd.Series:
         "low": mean - reach,
         "high": mean + reach,
     })
+
+
+def precision_over_base(detections: pd.DataFrame, runs: pd.DataFrame) -> pd.Series:
+    """Precision less the base rate of the same world; NaN where nothing fired or all are alike.
+
+    Where all windows that may fire failed, or none did, no trigger can do better than chance.
+    """
+    keys = ["preset", "p", "seed"]
+    base = detections[keys].merge(runs[[*keys, "base_rate"]], on=keys)["base_rate"].to_numpy()
+    open_question = (base > 0) & (base < 1)
+    return pd.Series(np.where(open_question, detections["precision"].to_numpy() - base, np.nan))
 
 
 def paired_difference(runs: pd.DataFrame, value: str, a: str, b: str) -> pd.DataFrame:

@@ -39,8 +39,7 @@ def _log_ratio(covariance: np.ndarray, reference: np.ndarray) -> float:
 
 def window_factors(solution: Solution, t: int, factor: float) -> compiled.Factors:
     """The compiled likelihood of window w(t), everything else held."""
-    likelihood = refine.window_likelihood(solution, t, factor)
-    return compiled.flatten(likelihood.factors, likelihood.estimate, likelihood.keys, factor)
+    return engines.flattened(refine.window_likelihood(solution, t, factor))
 
 
 def widths(

@@ -68,9 +68,7 @@ def test_evidence_and_moments_have_their_closed_form(engine, runs):
 def test_compiled_engines_agree_with_each_other_on_a_window(noisy):
     """Mean evidence of 40 runs against 100,000 importance samples, at 4.5 standard errors."""
     likelihood = refine.window_likelihood(noisy.solution, 12, 0.5)
-    factors = compiled.flatten(
-        likelihood.factors, likelihood.estimate, likelihood.keys, likelihood.factor
-    )
+    factors = engines.flattened(likelihood)
     cholesky = np.linalg.cholesky(noisy.covariances[12])
     many = importance.FastSettings(n_draws=100_000)
     truth = importance.sample(factors, cholesky, many, rng=np.random.default_rng(0))
@@ -170,9 +168,7 @@ def test_pareto_shape_of_known_tails():
 
 def test_walk_of_dynesty_moves_only_below_the_limit(noisy):
     likelihood = refine.window_likelihood(noisy.solution, 12, 0.5)
-    factors = compiled.flatten(
-        likelihood.factors, likelihood.estimate, likelihood.keys, likelihood.factor
-    )
+    factors = engines.flattened(likelihood)
     covariance = noisy.covariances[12]
     run = nested.run_nested(
         lambda xi: compiled.log_likelihood(factors, xi),
