@@ -8,6 +8,7 @@ what stands above it in this list:
 `style`           colours, column widths, saving a figure
 `jit`             compiles functions, and keeps the machine code
 `world`           the simulated scenario: trajectory, landmarks, odometry, ranges
+`variations`      bursts, slips of the odometry, a drawn x0 prior
 `metrics`         RMSE, NEES, precision and recall, bimodality coefficient
 `graph`           GTSAM factors, the iSAM2 run, joint marginals
 `windows`         three-pose windows: score, failure, closure, factors

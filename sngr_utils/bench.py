@@ -437,7 +437,7 @@ def selected_inverse_at_truth(the_world: World, conventions: graph.Conventions) 
     s = the_world.scenario
     return chain.selected_inverse(
         the_world.poses, the_world.landmarks, the_world.odometry, the_world.pose_of,
-        the_world.label_of, x0_mean=the_world.poses[0], x0_sigmas=conventions.x0_sigmas,
+        the_world.label_of, x0_mean=the_world.x0_mean, x0_sigmas=conventions.x0_sigmas,
         odometry_sigmas=[s.odometry_sigma_xy, s.odometry_sigma_xy, s.odometry_sigma_theta],
         landmark_prior_sigma=conventions.landmark_prior_sigma, range_sigma=s.range_sigma,
     ).windows  # fmt: skip

@@ -168,7 +168,7 @@ def covariance(solution: Solution, world: World, conventions: Conventions) -> Ch
         world.odometry,
         world.pose_of,
         world.label_of,
-        x0_mean=world.poses[0],
+        x0_mean=world.x0_mean,
         x0_sigmas=conventions.x0_sigmas,
         odometry_sigmas=[s.odometry_sigma_xy, s.odometry_sigma_xy, s.odometry_sigma_theta],
         landmark_prior_sigma=conventions.landmark_prior_sigma,

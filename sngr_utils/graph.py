@@ -150,22 +150,13 @@ def start_landmark(positions: np.ndarray, ranges: np.ndarray) -> np.ndarray:
     return least_squares(residuals, centroid, jacobian, method="lm", **tight).x
 
 
-def run_isam2(
-    world: World,
-    conventions: Conventions,
-    x0_mean: np.ndarray | None = None,
-) -> Solution:
+def run_isam2(world: World, conventions: Conventions) -> Solution:
     """Feed the world to iSAM2 pose by pose, one update per pose (paper, Algorithm 1, line 1).
 
     Poses start from the last estimate and the odometry. A landmark waits until three distinct
     poses have seen it (or something attached to it); then it starts from those three ranges,
     gets its weak prior, and its waiting factors enter the graph.
-
-    Parameters
-    ----------
-    x0_mean : (3,) mean of the prior on the first pose, [m, m, rad]; the true pose if None
     """
-    x0_mean = world.poses[0] if x0_mean is None else x0_mean
     params = gtsam.ISAM2Params()
     params.setRelinearizeThreshold(conventions.relinearize_threshold)
     params.relinearizeSkip = conventions.relinearize_skip
@@ -176,8 +167,8 @@ def run_isam2(
     for t in range(world.n_poses):
         factors, start = gtsam.NonlinearFactorGraph(), gtsam.Values()
         if t == 0:
-            factors.push_back(pose_prior(x0_mean, conventions.x0_sigmas))
-            new_pose = gtsam.Pose2(*x0_mean)
+            factors.push_back(pose_prior(world.x0_mean, conventions.x0_sigmas))
+            new_pose = gtsam.Pose2(*world.x0_mean)
         else:
             motion = world.odometry[t - 1]
             factors.push_back(odometry_factor(t - 1, motion, world.scenario))

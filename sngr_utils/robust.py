@@ -45,7 +45,7 @@ def estimate(
 ) -> Estimate:
     """Batch Levenberg-Marquardt estimate of a world from dead-reckoned poses.
 
-    The x0 prior is centred on the true first pose, as in `graph.run_isam2`; all else is data.
+    The x0 prior is centred on `World.x0_mean`, as in `graph.run_isam2`.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def estimate(
         raise ValueError(f"start is {start!r}: it must be one of {sorted(STARTS)}")
     if method == "oracle":
         the_world = replace(the_world, label_of=the_world.source_of)
-    poses = world.dead_reckoning(the_world.poses[0], the_world.odometry)
+    poses = world.dead_reckoning(the_world.x0_mean, the_world.odometry)
     landmarks = start_landmarks(the_world, poses, start)
     return _solve(the_world, conventions, method, (poses, landmarks))
 
@@ -120,7 +120,7 @@ def _compare_one(
     scenario: world.Scenario, conventions: graph.Conventions, p: float, seed: int
 ) -> list[tuple]:
     the_world = world.simulate(scenario, p, rng=np.random.default_rng(seed))
-    blind = world.dead_reckoning(the_world.poses[0], the_world.odometry)
+    blind = world.dead_reckoning(the_world.x0_mean, the_world.odometry)
     truth = the_world.poses[:, :2]
     rows = [("dead_reckoning", "none", p, seed, metrics.rmse(blind[:, :2], truth), np.nan)]
     for start in STARTS:
@@ -143,7 +143,7 @@ def sure_factors(
     The last are centred on the (K, 2) `landmarks`, [m]; there is none where that is NaN.
     """
     factors = gtsam.NonlinearFactorGraph()
-    factors.push_back(graph.pose_prior(the_world.poses[0], conventions.x0_sigmas))
+    factors.push_back(graph.pose_prior(the_world.x0_mean, conventions.x0_sigmas))
     for t, motion in enumerate(the_world.odometry):
         factors.push_back(graph.odometry_factor(t, motion, the_world.scenario))
     for k in np.flatnonzero(np.isfinite(landmarks[:, 0])):

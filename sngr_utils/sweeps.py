@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from sngr_utils import graph, metrics, windows, world
+from sngr_utils import graph, metrics, variations, windows, world
 from sngr_utils.baseline import Baseline, run_baseline
 
 LEVEL = 0.95  # of all confidence intervals
@@ -99,7 +99,7 @@ def _run_one(
 
 
 def _run_row(run: Baseline) -> dict[str, float]:
-    blind = world.dead_reckoning(run.world.poses[0], run.world.odometry)
+    blind = world.dead_reckoning(run.world.x0_mean, run.world.odometry)
     return {
         "pose_rmse": run.pose_rmse,
         "landmark_rmse": run.landmark_rmse,
@@ -248,12 +248,10 @@ def _nees_rows(
     rng = np.random.default_rng(seed)
     the_world = world.simulate(scenario, 0.0, rng=rng)
     (prior_rng,) = rng.spawn(1)
-    truth = the_world.poses[0]
-    noise = prior_rng.normal(size=3) * conventions.x0_sigmas  # in the body frame, as the sigmas
-    drawn = world.dead_reckoning(truth, noise[None])[-1]
+    drawn = variations.draw_x0(the_world, conventions.x0_sigmas, rng=prior_rng)
     rows = []
-    for name, mean in (("truth", truth), ("drawn", drawn)):
-        solution = graph.run_isam2(the_world, conventions, mean)
+    for name, given in (("truth", the_world), ("drawn", drawn)):
+        solution = graph.run_isam2(given, conventions)
         errors = solution.poses[:, :2] - the_world.poses[:, :2]
         for frame in ("world", "body"):
             covariances = graph.position_covariances(solution, frame)

@@ -61,6 +61,10 @@ class World:
     source_of : (M,) int, landmark each range truly came from
     ranges : (M,) measured ranges, [m]
     scenario : Scenario, the noise levels the estimator is told
+    x0_mean : (3,) where the estimator's prior on the first pose is centred, [m, m, rad]; the
+        paper's is the true pose (`variations.draw_x0` draws it)
+
+    An estimator reads none of `poses`, `landmarks`, `source_of`: they are for judging it.
     """
 
     poses: np.ndarray
@@ -71,6 +75,7 @@ class World:
     source_of: np.ndarray
     ranges: np.ndarray
     scenario: Scenario
+    x0_mean: np.ndarray
 
     @property
     def n_poses(self) -> int:
@@ -183,4 +188,6 @@ def simulate(scenario: Scenario, p: float, *, rng: np.random.Generator) -> World
     ranges = distance + rng.normal(size=distance.shape) * s.range_sigma
     pose_of, source_of = (index.ravel() for index in np.indices(distance.shape))
     label_of = wrong_associations(source_of, s.n_landmarks, p, rng=association_rng)
-    return World(poses, landmarks, odometry, pose_of, label_of, source_of, ranges.ravel(), s)
+    return World(
+        poses, landmarks, odometry, pose_of, label_of, source_of, ranges.ravel(), s, poses[0]
+    )

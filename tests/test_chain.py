@@ -18,7 +18,7 @@ def simulated(n_poses, n_landmarks, p, seed):
 def solution_at(the_world, conventions, poses, landmarks):
     """The world's graph and any linearisation point; iSAM2 is left out. NaN: absent."""
     factors, values, w = gtsam.NonlinearFactorGraph(), gtsam.Values(), the_world
-    factors.push_back(graph.pose_prior(w.poses[0], conventions.x0_sigmas))
+    factors.push_back(graph.pose_prior(w.x0_mean, conventions.x0_sigmas))
     for t, pose in enumerate(poses):
         values.insert(X(t), gtsam.Pose2(*pose))
     for t, motion in enumerate(w.odometry):
@@ -91,7 +91,7 @@ def test_equals_gtsam_where_its_logarithm_cancels(spread):
     cannot be asked; a derivative without the cancellation would be off by 1e-5 there.
     """
     rng, drawn = np.random.default_rng(7), simulated(20, 3, 0.0, 3)
-    poses = world.dead_reckoning(drawn.poses[0], drawn.odometry)
+    poses = world.dead_reckoning(drawn.x0_mean, drawn.odometry)
     poses += rng.normal(size=poses.shape) * [0.05, 0.05, spread]
     solution = solution_at(drawn, graph.PRESETS["A"], poses, drawn.landmarks)
     got = chain.window_covariances(solution, drawn, graph.PRESETS["A"])
@@ -206,7 +206,7 @@ def test_what_does_not_fit_is_refused(noisy):
     good = {
         "poses": noisy.solution.poses, "landmarks": noisy.solution.landmarks,
         "odometry": drawn.odometry, "pose_of": drawn.pose_of, "label_of": drawn.label_of,
-        "x0_mean": drawn.poses[0], "x0_sigmas": [0.1] * 3, "odometry_sigmas": [0.1] * 3,
+        "x0_mean": drawn.x0_mean, "x0_sigmas": [0.1] * 3, "odometry_sigmas": [0.1] * 3,
         "landmark_prior_sigma": 1.0, "range_sigma": 0.1,
     }  # fmt: skip
     assert np.isfinite(chain.selected_inverse(**good).windows).all()

@@ -16,7 +16,8 @@ MODULES = sorted(paths.PACKAGE.glob("*.py"))
 
 # The order in which the package's docstring lists the modules; each imports only from above.
 ORDER = [
-    "paths", "style", "jit", "world", "metrics", "graph", "windows", "information", "chain",
+    "paths", "style", "jit", "world", "variations", "metrics", "graph", "windows",
+    "information", "chain",
     "nested", "compiled", "compiled_nested", "compiled_walk", "importance", "laplace",
     "posterior", "engines", "refine", "baseline", "corrected",
     "window_audit", "sampler_audit", "refined_sweep",

@@ -36,7 +36,7 @@ def test_estimate_is_stationary_under_its_own_loss(method):
     """The influences of a landmark's ranges and of its weak prior cancel, in NumPy."""
     drawn = make(0.3)
     poses, landmarks = robust.estimate(drawn, C, method, "grid")
-    blind = world.dead_reckoning(drawn.poses[0], drawn.odometry)
+    blind = world.dead_reckoning(drawn.x0_mean, drawn.odometry)
     starts = robust.start_landmarks(drawn, blind, "grid")
     offsets = landmarks[drawn.label_of] - poses[drawn.pose_of, :2]
     lengths = np.linalg.norm(offsets, axis=1)
@@ -112,7 +112,7 @@ def test_starts_and_robust_estimates_know_nothing_of_the_truth():
 
 def test_first_poses_start_is_least_squares_on_three_ranges():
     drawn = make(0.0)
-    blind = world.dead_reckoning(drawn.poses[0], drawn.odometry)
+    blind = world.dead_reckoning(drawn.x0_mean, drawn.odometry)
     starts = robust.start_landmarks(drawn, blind, "first_poses")
     for k in range(6):
         ranges = drawn.ranges[drawn.label_of == k][:3]

@@ -48,7 +48,7 @@ def test_sweep_rows_are_those_of_single_runs(serial):
         run.pose_rmse, run.landmark_rmse, run.nees
     )  # fmt: skip
     assert (row.failed, row.base_rate) == (run.failed.sum(), run.base_rate)
-    blind = world.dead_reckoning(run.world.poses[0], run.world.odometry)
+    blind = world.dead_reckoning(run.world.x0_mean, run.world.odometry)
     assert row.odometry_rmse == metrics.rmse(blind[:, :2], run.world.poses[:, :2])
     assert scores.score.tolist() == run.scores.tolist()
     assert scores.failed.tolist() == run.failed.tolist()
