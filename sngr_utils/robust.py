@@ -76,7 +76,7 @@ def _solve(
     the_world: world.World, conventions: graph.Conventions, method: str, start: Estimate
 ) -> Estimate:
     """The estimate of `method` from poses and landmarks to start from."""
-    poses, landmarks = start[0], start[1].copy()
+    poses, landmarks = start
     sure = sure_factors(the_world, conventions, landmarks)
     factors = gtsam.NonlinearFactorGraph(sure)
     factors.push_back(range_factors(the_world, landmarks, method))
@@ -90,9 +90,7 @@ def _solve(
         params.setRelativeErrorTol(1e-10)
         params.setAbsoluteErrorTol(1e-10)
         result = gtsam.LevenbergMarquardtOptimizer(factors, values, params).optimize()
-    for k in np.flatnonzero(np.isfinite(landmarks[:, 0])):
-        landmarks[k] = result.atPoint2(L(k))
-    return graph.poses_of(result, len(poses)), landmarks
+    return graph.poses_of(result, len(poses)), graph.landmarks_of(result, len(landmarks))
 
 
 def compare(
