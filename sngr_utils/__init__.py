@@ -11,6 +11,7 @@ what stands above it in this list:
 `variations`      bursts, slips of the odometry, a drawn x0 prior
 `metrics`         RMSE, NEES, precision and recall, bimodality coefficient
 `graph`           GTSAM factors, the iSAM2 run, joint marginals
+`mirror`          would the mirror image of a landmark explain its ranges as well?
 `windows`         three-pose windows: score, failure, closure, factors
 `information`     GTSAM's linearisation as blocks of the information matrix, compiled
 `chain`           all window marginals at once, by a selected inverse

@@ -16,7 +16,7 @@ MODULES = sorted(paths.PACKAGE.glob("*.py"))
 
 # The order in which the package's docstring lists the modules; each imports only from above.
 ORDER = [
-    "paths", "style", "jit", "world", "variations", "metrics", "graph", "windows",
+    "paths", "style", "jit", "world", "variations", "metrics", "graph", "mirror", "windows",
     "information", "chain",
     "nested", "compiled", "compiled_nested", "compiled_walk", "importance", "laplace",
     "posterior", "engines", "refine", "baseline", "corrected",
