@@ -32,6 +32,12 @@ what stands above it in this list:
 `sweeps`          many worlds: tidy tables, means with errors, paired differences, NEES variants
 `robust`          batch estimates under robust losses, GNC, and with the true associations
 `association`     which landmark a range came from: posterior, mutual exclusion, EM
+`leverage`        do a window's ranges fit? a chi-square that knows their leverage
+`detectors`       scores of windows: what may tell that an estimate has failed
+`calibration`     thresholds with a controlled rate of false alarms
+`clustered`       how well scores rank or decide, drawing whole worlds
+`detection_study` what every detector says of every window, and the truth beside it
+`detection_summary` the same summed up: ranking, decisions, false alarms
 `plots`           ``draw_*(ax, data)``
 `report`          results -> JSON -> LaTeX values and tables
 `bench`           the engines side by side, and the growth with the length of the trajectory

@@ -12,7 +12,7 @@ Counting squared residuals as if H were 0 overlooks that the fit has bent toward
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special, stats
 
 from sngr_utils.chain import ChainCovariance
 from sngr_utils.windows import WIDTH, n_windows
@@ -37,8 +37,8 @@ class ChiSquare:
     @property
     def surprise(self) -> np.ndarray:
         """(N,) -log10 of the p-value; 0 where there is nothing to test."""
-        tail = stats.chi2.logsf(self.statistic, np.maximum(self.rank, 1)) / np.log(10)
-        return np.where(self.rank > 0, -tail, 0.0)
+        tail = log_tail(self.statistic, np.maximum(self.rank, 1))
+        return np.where(self.rank > 0, -tail / np.log(10), 0.0)
 
 
 def chi_square(
@@ -84,6 +84,22 @@ def quadratic_form(residuals: np.ndarray, covariances: np.ndarray) -> tuple[np.n
     along = (vectors.transpose(0, 2, 1) @ residuals[:, :, None])[:, :, 0]
     terms = np.where(kept, along**2 / np.where(kept, values, 1.0), 0.0)
     return terms.sum(axis=1), kept.sum(axis=1)
+
+
+def log_tail(statistic: np.ndarray, rank: np.ndarray) -> np.ndarray:
+    """(N,) log probability that chi-square with `rank` degrees of freedom exceeds `statistic`.
+
+    Wrong labels make statistics of many thousands, where the probability is 0 in floating point;
+    there the first terms of its asymptotic series keep the order.
+
+    Source: Abramowitz & Stegun, Handbook of Mathematical Functions, 1964, equation 6.5.32.
+    """
+    shape, x = rank / 2, np.maximum(statistic / 2, 1.0)
+    series = (shape - 1) * np.log(x) - x - special.gammaln(shape)
+    series = series + np.log1p((shape - 1) / x * (1 + (shape - 2) / x))
+    with np.errstate(divide="ignore"):
+        exact = stats.chi2.logsf(statistic, rank)
+    return np.where(exact > -600, exact, series)
 
 
 def _whitened(
