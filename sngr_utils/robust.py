@@ -6,6 +6,7 @@ prior, the odometry and the weak landmark priors stay quadratic. Tuning constant
 the literature for residuals of unit variance, never fitted to these worlds.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -16,6 +17,7 @@ import pandas as pd
 from gtsam.symbol_shorthand import L, X
 
 from sngr_utils import graph, metrics, world
+from sngr_utils.jit import compile_once
 
 # rho(r) of a whitened range residual r, and where its constant comes from
 METHODS = {
@@ -37,6 +39,7 @@ HUBER_K, CAUCHY_K, DCS_PHI, GEMAN_MCCLURE_C, INLIER_QUANTILE = 1.345, 2.3849, 1.
 Estimate = tuple[np.ndarray, np.ndarray]  # poses (T, 3) and landmarks (K, 2)
 
 GRID_CELLS = 100  # per axis
+NEGLIGIBLE_EXPONENT = 40.0  # e^-40 is nothing beside an outlier, in floating point
 GRID_OUTLIER_SHARE = 0.5  # knowing nothing about a range: right or wrong alike
 
 
@@ -218,14 +221,29 @@ def best_cell(
     """
     low, high = positions.min(axis=0) - ranges.max(), positions.max(axis=0) + ranges.max()
     axes = np.linspace(low, high, GRID_CELLS)
-    dx, dy = axes.T[:, :, None] - positions.T[:, None]
-    distances = np.hypot(dx[:, None], dy[None])
     # a point of the cell is uniform about its centre: one twelfth of the squared width
     spread = variances + ((high - low) / (GRID_CELLS - 1)).max() ** 2 / 12
-    right = np.exp(-0.5 * (ranges - distances) ** 2 / spread) / np.sqrt(2 * np.pi * spread)
-    either = (1 - GRID_OUTLIER_SHARE) * right + GRID_OUTLIER_SHARE / longest
-    i, j = np.unravel_index(np.argmax(np.log(either).sum(axis=2)), (GRID_CELLS, GRID_CELLS))
+    right = (1 - GRID_OUTLIER_SHARE) / np.sqrt(2 * np.pi * spread)
+    scores = _grid_scores(
+        axes, positions, ranges, 0.5 / spread, right, GRID_OUTLIER_SHARE / longest
+    )
+    i, j = np.unravel_index(np.argmax(scores), scores.shape)
     return np.array([axes[i, 0], axes[j, 1]])
+
+
+@compile_once
+def _grid_scores(axes, positions, ranges, sharpness, right, outlier):
+    """Log-likelihood of every cell, less that of outliers only: most ranges miss most cells."""
+    scores = np.zeros((len(axes), len(axes)))
+    for i in range(len(axes)):
+        for j in range(len(axes)):
+            for n in range(len(ranges)):
+                dx, dy = axes[i, 0] - positions[n, 0], axes[j, 1] - positions[n, 1]
+                error = ranges[n] - math.sqrt(dx * dx + dy * dy)
+                exponent = sharpness[n] * error * error
+                if exponent < NEGLIGIBLE_EXPONENT:
+                    scores[i, j] += math.log1p(right[n] * math.exp(-exponent) / outlier)
+    return scores
 
 
 def values_of(poses: np.ndarray, landmarks: np.ndarray) -> gtsam.Values:
