@@ -73,7 +73,10 @@ class Case:
 def scores(
     the_world: world.World, conventions: graph.Conventions, solution: graph.Solution
 ) -> pd.DataFrame:
-    """One row per window, a column per score of `detectors.SCORES` except "either"."""
+    """One row per window, a column per score of `detectors.SCORES` except "either".
+
+    And "naive": the robust chi-square as if no range had leverage.
+    """
     plain = chain.covariance(solution, the_world, conventions)
     poses, landmarks = solution.poses, solution.landmarks
     robust_estimate = association.estimate(the_world, conventions, "grid", exclusive=True)
@@ -81,11 +84,13 @@ def scores(
     own = robust_estimate.responsibilities[np.arange(len(the_world.ranges)), the_world.label_of]
     trusted = chain.covariance_at(*reference, keep(the_world, own > TRUSTED), conventions)
     null = chain.covariance_at(*reference, the_world, conventions)  # all labels right
+    robust_test = leverage.chi_square(the_world, *reference, null)
     return pd.DataFrame({
         "condition": detectors.condition_number(plain.windows),
         "eigenvalue": detectors.largest_eigenvalue(plain.windows),
         "chi_square": leverage.chi_square(the_world, poses, landmarks, plain).surprise,
-        "chi_square_robust": leverage.chi_square(the_world, *reference, null).surprise,
+        "chi_square_robust": robust_test.surprise,
+        "naive": robust_test.naive_surprise,
         "mirror": detectors.mirror_weight(the_world, poses, landmarks),
         "disagreement": detectors.disagreement(poses, reference[0]),
         "disagreement_sigmas": detectors.disagreement_sigmas(poses, reference[0], trusted),
@@ -98,11 +103,11 @@ def keep(the_world: world.World, ranges: np.ndarray) -> world.World:
     return replace(the_world, **{name: getattr(the_world, name)[ranges] for name in names})
 
 
-def contaminated(the_world: world.World) -> np.ndarray:
-    """(T-W+1,) bool: has a range of the window a wrong label?"""
-    wrong = the_world.label_of != the_world.source_of
-    per_pose = np.bincount(the_world.pose_of, wrong, the_world.n_poses)
-    return np.convolve(per_pose, np.ones(windows.WIDTH), mode="valid") > 0.5
+def wrong_labels(the_world: world.World) -> np.ndarray:
+    """(T-W+1,) int: ranges with a wrong label in each window. One is enough to contaminate it."""
+    wrong = the_world.pose_of[the_world.label_of != the_world.source_of]
+    per_pose = np.bincount(wrong, minlength=the_world.n_poses)
+    return np.convolve(per_pose, np.ones(windows.WIDTH, dtype=int), mode="valid")
 
 
 def window_rows(
@@ -126,7 +131,7 @@ def window_rows(
         "window": np.arange(len(table)),
         "error": detectors.disagreement(solution.poses, the_world.poses),
         "failed": windows.failures(errors),
-        "contaminated": contaminated(the_world),
+        "contaminated": wrong_labels(the_world) > 0,
         "oracle": detectors.disagreement(solution.poses, oracle),
     }  # fmt: skip
     return table.assign(**truth).iloc[windows.FIRST_ELIGIBLE :]

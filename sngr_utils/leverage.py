@@ -29,16 +29,24 @@ class ChiSquare:
     ----------
     statistic : (N,) q
     rank : (N,) int, its degrees of freedom; 0 for a window without ranges to test
+    squares : (N,) the plain sum of squared whitened residuals
+    count : (N,) int, the ranges in it
     """
 
     statistic: np.ndarray
     rank: np.ndarray
+    squares: np.ndarray
+    count: np.ndarray
 
     @property
     def surprise(self) -> np.ndarray:
         """(N,) -log10 of the p-value; 0 where there is nothing to test."""
-        tail = log_tail(self.statistic, np.maximum(self.rank, 1))
-        return np.where(self.rank > 0, -tail / np.log(10), 0.0)
+        return _surprise(self.statistic, self.rank)
+
+    @property
+    def naive_surprise(self) -> np.ndarray:
+        """(N,) the same as if no range had any leverage: the plain sum against chi-square."""
+        return _surprise(self.squares, self.count)
 
 
 def chi_square(
@@ -71,7 +79,8 @@ def chi_square(
     leverage = jacobian @ _joint(covariance) @ jacobian.transpose(0, 2, 1)
     whitened = np.where(filled, residuals[index], 0.0)
     statistic, rank = quadratic_form(whitened, np.eye(len(place)) - leverage)
-    return ChiSquare(statistic, rank - np.sum(~filled, axis=1))
+    squares, count = np.sum(whitened**2, axis=1), stop - start
+    return ChiSquare(statistic, rank - np.sum(~filled, axis=1), squares, count)
 
 
 def quadratic_form(residuals: np.ndarray, covariances: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -84,6 +93,11 @@ def quadratic_form(residuals: np.ndarray, covariances: np.ndarray) -> tuple[np.n
     along = (vectors.transpose(0, 2, 1) @ residuals[:, :, None])[:, :, 0]
     terms = np.where(kept, along**2 / np.where(kept, values, 1.0), 0.0)
     return terms.sum(axis=1), kept.sum(axis=1)
+
+
+def _surprise(statistic: np.ndarray, rank: np.ndarray) -> np.ndarray:
+    tail = log_tail(statistic, np.maximum(rank, 1))
+    return np.where(rank > 0, -tail / np.log(10), 0.0)
 
 
 def log_tail(statistic: np.ndarray, rank: np.ndarray) -> np.ndarray:

@@ -56,6 +56,8 @@ def test_statistic_is_that_of_the_dense_problem(solved):
         left = np.eye(mine.sum()) - hat[np.ix_(rows[mine], rows[mine])]
         expected = residuals[mine] @ np.linalg.pinv(left, rcond=1e-3) @ residuals[mine]
         assert got.statistic[t] == pytest.approx(expected, rel=1e-6)
+        assert got.squares[t] == pytest.approx(np.sum(residuals[mine] ** 2), rel=1e-9)
+        assert got.count[t] == mine.sum()
         assert got.rank[t] == np.linalg.matrix_rank(left, tol=1e-3)
 
 
@@ -117,7 +119,8 @@ def test_an_absent_landmark_takes_its_ranges_along(solved):
     )  # fmt: skip
     assert np.allclose(absent.statistic, without.statistic, rtol=1e-9)
     assert np.array_equal(absent.rank, without.rank)
-    nothing = leverage.ChiSquare(np.zeros(2), np.zeros(2, dtype=int))
+    zero = np.zeros(2, dtype=int)
+    nothing = leverage.ChiSquare(np.zeros(2), zero, np.zeros(2), zero)
     assert np.array_equal(nothing.surprise, [0, 0])
 
 
