@@ -40,13 +40,15 @@ what stands above it in this list:
 `detection_summary` the same summed up: ranking, decisions, false alarms
 `plots`           ``draw_*(ax, data)``
 `report`          results -> JSON -> LaTeX values and tables
+`trigger_tables`  the tables of notebook 06
+`trigger_plots`   its figures
 `bench`           the engines side by side, and the growth with the length of the trajectory
 `printed`         the paper's numbers with the digits it prints
 `contradictions`  where those numbers contradict each other
 `rules`           how a verdict follows from a printed value and ours
 `parameters`      reads ``params/*.yaml`` and checks every value
 `bimodal` ...     one driver per notebook: `bimodal`, `trigger_sweep`, `full_sngr`, `cost`,
-                  `audit`
+                  `audit`, `triggers`
 `audit_tables`    the tables of notebook 05
 `claims`          what the paper claims, from ``paper/claims.yaml``
 `verdicts`        a verdict on every claim

@@ -71,6 +71,7 @@ def draw_states(ax: Axes, rows: pd.DataFrame, thresholds: tuple[float, float]) -
     ax.axvline(thresholds[0], color=style.TRUTH, lw=0.6, ls="--")
     ax.axhline(thresholds[1], color=style.TRUTH, lw=0.6, ls="--")
     ax.set_xscale("symlog", linthresh=1)
+    ax.set_xlim(left=-0.3)
     ax.set_yscale("log")
     ax.set(xlabel=r"chi-square, robust estimate: $-\log_{10} p$", ylabel="disagreement [m]")
     legend_above(ax)

@@ -28,15 +28,26 @@ def interval(row: pd.Series, column: str, fmt: str = ".2f", scale: float = 1.0) 
     return t(value, fmt) if np.isnan(low) else f"{t(value, fmt)} [{t(low, fmt)}, {t(high, fmt)}]"
 
 
+def scores_table() -> pd.DataFrame:
+    """What every score asks."""
+    rows = [[NAMES[name], meaning] for name, meaning in detectors.SCORES.items()]
+    return pd.DataFrame(rows, columns=["score", "what it asks"])
+
+
 def level_table(clean: pd.DataFrame) -> pd.DataFrame:
-    """Clean windows that fire, [%], and those that failed for all that."""
+    """Clean windows that fire, [%], and those that failed for all that.
+
+    The last column counts the windows that did not fail only.
+    """
     shown = [name for name in detectors.SCORES if name != "eigenvalue"]
     rows = []
     for scenario, group in clean.groupby("scenario", sort=False):
         by_name = group.set_index("detector")
         cells = [interval(by_name.loc[name], "fired", ".1f", 100) for name in shown]
+        cells.append(interval(by_name.loc["at_limit"], "false_alarms", ".1f", 100))
         rows.append([scenario, t(100 * group["base_rate"].iloc[0], ".1f"), *cells])
-    heads = ["clean scenario", "failed [%]", *(NAMES[name] for name in shown)]
+    heads = ["clean scenario", "failed [%]", *(NAMES[name] for name in shown),
+             "disagreement > 0.5 m, not failed"]  # fmt: skip
     return pd.DataFrame(rows, columns=heads)
 
 
@@ -86,7 +97,8 @@ def case_table(
 def claims_table(found: pd.DataFrame, tau: float) -> pd.DataFrame:
     """Three rules at every p: how often they fire, and how right they are."""
     rules = {
-        "condition": f"condition number > {tau:g}", "chi_square": "chi-square",
+        "condition": f"condition number > {tau:g}", "calibrated": "condition number, calibrated",
+        "chi_square": "chi-square",
         "disagreement": "disagreement > 0.5 m",
     }  # fmt: skip
     rows = []

@@ -7,13 +7,21 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import calibration, clustered, detection_study, detection_summary, detectors, graph
-from sngr_utils import report, windows
+from sngr_utils import (
+    calibration,
+    clustered,
+    detection_study,
+    detection_summary,
+    detectors,
+    graph,
+    report,
+    windows,
+)
 from sngr_utils.detection_study import Case
 from sngr_utils.world import Positive, Probability, Scenario, Seed
 
 READING = "C"  # preset: GTSAM's own iSAM2 settings
-NULL_SCENARIOS = ("paper", "radius 3 m", "100 poses")  # where the estimate matters most
+NULL_SCENARIOS = ("radius 3 m", "100 poses")  # where the estimate that is tested matters
 EVERY_P = "all p"
 AT_LIMIT = {"disagreement": windows.FAILURE_ERROR}  # its threshold is what failure means
 
@@ -44,7 +52,7 @@ class Config(Scenario):
     p_shifted: Probability = 0.2
     nominal: Share = 0.05
     tau: Positive = 3.96
-    seed_shown: Seed = 101
+    seed_shown: Seed = 114
     p_shown: Probability = 0.6
     jobs: Annotated[int, Field(ge=1)] = 2
 
@@ -155,8 +163,14 @@ def calibration_rows(study: Study, config: Config, *, rng: np.random.Generator) 
 
 
 def levels(study: Study, *, rng: np.random.Generator) -> pd.DataFrame:
-    """Every detector at its nominal rate on the clean worlds of all scenarios."""
-    return detection_summary.decisions(study.clean, study.thresholds, "failed", rng=rng)
+    """Every detector at its nominal rate on the clean worlds of all scenarios.
+
+    And "at_limit": the disagreement at the failure limit, whose false alarms are those among the
+    windows that did not fail.
+    """
+    clean = study.clean.assign(at_limit=study.clean["disagreement"])
+    rules = {**study.thresholds, "at_limit": windows.FAILURE_ERROR}
+    return detection_summary.decisions(clean, rules, "failed", rng=rng)
 
 
 def rankings(study: Study, truth: str, *, rng: np.random.Generator) -> pd.DataFrame:
@@ -172,18 +186,20 @@ def decisions(study: Study, *, rng: np.random.Generator) -> pd.DataFrame:
 
 
 def claims(study: Study, config: Config, *, rng: np.random.Generator) -> pd.DataFrame:
-    """The paper's trigger at the paper's threshold, beside two others, from p = 0 on."""
+    """The paper's score at its threshold and at ours, beside two others, from p = 0 on."""
     rules = {
-        "condition": config.tau, "chi_square": study.thresholds["chi_square"], **AT_LIMIT
+        "condition": config.tau, "calibrated": study.thresholds["condition"],
+        "chi_square": study.thresholds["chi_square"], **AT_LIMIT,
     }  # fmt: skip
     everywhere = study.rows[study.rows["case"].str.startswith("p =")]
+    everywhere = everywhere.assign(calibrated=everywhere["condition"])
     return detection_summary.decisions(everywhere, rules, "failed", rng=rng)
 
 
 def shifted(study: Study, *, rng: np.random.Generator) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Ranking by failure, and decisions at the failure limit, on shifted scenarios."""
     rows = study.shifted.query("p > 0")
-    names = ["condition", "chi_square", "disagreement", "disagreement_sigmas", "oracle"]
+    names = ["condition", "chi_square", "disagreement", "disagreement_sigmas"]
     return (
         detection_summary.ranking(rows, names, "failed", rng=rng),
         detection_summary.decisions(rows, AT_LIMIT, "failed", rng=rng),

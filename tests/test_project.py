@@ -22,11 +22,12 @@ ORDER = [
     "posterior", "engines", "refine", "baseline", "corrected",
     "window_audit", "sampler_audit", "refined_sweep",
     "sweeps", "robust", "association", "leverage", "detectors", "calibration", "clustered",
-    "detection_study", "detection_summary", "plots", "report", "bench", "printed", "contradictions",
-    "rules", "parameters", "bimodal", "trigger_sweep", "full_sngr", "cost",
+    "detection_study", "detection_summary", "plots", "report", "trigger_tables", "trigger_plots",
+    "bench", "printed", "contradictions", "rules", "parameters",
+    "bimodal", "trigger_sweep", "full_sngr", "cost", "triggers",
     "audit_tables", "audit", "claims", "verdicts", "verdict_tables", "run", "verify",
 ]  # fmt: skip
-DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost", "audit"}
+DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost", "audit", "triggers"}
 
 
 def test_no_global_random_state():
