@@ -10,7 +10,7 @@ from sngr_utils import style
 from sngr_utils.plots import legend_above
 
 STATES = {  # state of a window -> colour and marker
-    "clean": (style.ESTIMATE, "."),
+    "neither": (style.ESTIMATE, "."),
     "wrong labels, not failed": (style.LANDMARK, "o"),
     "failed": (style.TRIGGERED, "x"),
 }
@@ -60,7 +60,7 @@ def draw_along(axes: Sequence[Axes], rows: pd.DataFrame, panels: dict[str, tuple
 def draw_states(ax: Axes, rows: pd.DataFrame, thresholds: tuple[float, float]) -> None:
     """Disagreement [m] against the surprise of the chi-square, by what the window is."""
     failed, wrong = rows["failed"].to_numpy(), rows["contaminated"].to_numpy()
-    masks = {"clean": ~failed & ~wrong, "wrong labels, not failed": ~failed & wrong,
+    masks = {"neither": ~failed & ~wrong, "wrong labels, not failed": ~failed & wrong,
              "failed": failed}  # fmt: skip
     for name, (colour, marker) in STATES.items():
         here = rows[masks[name]]

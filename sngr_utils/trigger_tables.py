@@ -94,6 +94,25 @@ def case_table(
     return pd.DataFrame(rows, columns=["score", *cases])
 
 
+def summary_table(
+    failed: pd.DataFrame, wrong: pd.DataFrame, decided: pd.DataFrame, clean: pd.DataFrame,
+    case: str,
+) -> pd.DataFrame:  # fmt: skip
+    """One line per detector: AUC against failure and contamination, MCC, false alarms."""
+    columns = (failed, "auc"), (wrong, "auc"), (decided, "mcc")
+    found = [frame[frame["case"] == case].set_index("detector")[name] for frame, name in columns]
+    bursts = failed[failed["case"].str.startswith("burst")].groupby("detector")["auc"].min()
+    levels = 100 * clean.groupby("detector")["fired"].agg(["min", "max"])
+    rows = []
+    for name in detectors.SCORES:
+        auc, contamination, mcc = (t(column[name]) for column in found)
+        least, most = (t(levels.loc[name, end], ".0f") for end in ("min", "max"))
+        rows.append([NAMES[name], auc, t(bursts[name]), contamination, mcc, f"{least} to {most}"])
+    heads = ["score", "AUC failed", "in bursts", "AUC wrong labels", "MCC failed",
+             "false alarms [%]"]  # fmt: skip
+    return pd.DataFrame(rows, columns=heads)
+
+
 def claims_table(found: pd.DataFrame, tau: float) -> pd.DataFrame:
     """Three rules at every p: how often they fire, and how right they are."""
     rules = {

@@ -45,6 +45,9 @@ def test_tables_and_what_is_handed_on(config, study, tmp_path):
     for table, column in ((failed, "auc"), (wrong, "precision"), (failed, "within")):
         assert tables.case_table(table, column).shape == (2 + len(detectors.SCORES), 1 + cases)
     assert len(tables.case_table(decided, "mcc")) == 1 + len(detectors.SCORES)
+    every = triggers.EVERY_P
+    whole = tables.summary_table(failed, wrong, decided, clean, every)
+    assert whole.shape == (len(detectors.SCORES), 6)
     claims = triggers.claims(study, config, rng=rng)
     assert len(tables.claims_table(claims, config.tau)) == 4 * 2
     assert len(tables.shifted_table(*triggers.shifted(study, rng=rng))) == scenarios - 1
