@@ -31,9 +31,9 @@ Share = Annotated[float, Field(gt=0, lt=1)]
 class Config(Scenario):
     """Parameters of the study of triggers. Worlds are those of seeds first_seed and following.
 
-    n_seeds : worlds of every case on the paper's scenario
+    n_seeds : worlds of every case on the paper's scenario, and clean ones of every other
     n_calibration : clean worlds of the thresholds, of the seeds after these
-    n_shifted : worlds of every shifted scenario
+    n_shifted : worlds of every shifted scenario with wrong labels, and of `run_null`
     p_levels : wrong labels everywhere; burst_levels : in a burst of burst_poses poses
     p_shifted : wrong labels on the shifted scenarios
     nominal : rate of false alarms that thresholds are set for
@@ -45,7 +45,7 @@ class Config(Scenario):
     first_seed: Seed = 100
     n_seeds: Annotated[int, Field(ge=2)] = 30
     n_calibration: Annotated[int, Field(ge=1)] = 30
-    n_shifted: Annotated[int, Field(ge=2)] = 20
+    n_shifted: Annotated[int, Field(ge=2)] = 12
     p_levels: Annotated[list[Probability], Field(min_length=1)] = [0.05, 0.1, 0.2, 0.4]
     burst_levels: Annotated[list[Probability], Field(min_length=1)] = [0.3, 0.6]
     burst_poses: Annotated[int, Field(ge=1)] = 7
@@ -73,6 +73,10 @@ class Config(Scenario):
     @property
     def seeds(self) -> range:
         return range(self.first_seed, self.first_seed + self.n_seeds)
+
+    @property
+    def few(self) -> range:
+        return range(self.first_seed, self.first_seed + self.n_shifted)
 
     def worlds(self, cases: list[Case], seeds: range) -> pd.DataFrame:
         """All windows of these cases, see `detection_study.window_rows`."""
@@ -117,18 +121,19 @@ def run(config: Config) -> Study:
     cases = [Case("paper", p) for p in (0.0, *config.p_levels)]
     cases += [Case("paper", p, config.burst_poses) for p in config.burst_levels]
     others = [name for name in detection_study.SCENARIOS if name != "paper"]
-    shifted = [Case(name, p) for name in others for p in (0.0, config.p_shifted)]
-    few = range(config.first_seed, config.first_seed + config.n_shifted)
-    tables = [clean, config.worlds(cases, config.seeds), config.worlds(shifted, few)]
+    shifted = [
+        config.worlds([Case(name, p) for name in others], seeds)
+        for p, seeds in ((0.0, config.seeds), (config.p_shifted, config.few))
+    ]
+    tables = [clean, config.worlds(cases, config.seeds), pd.concat(shifted, ignore_index=True)]
     tables = [detection_study.with_either(table, clean) for table in tables]
     return Study(*tables, detection_study.thresholds(tables[0], config.nominal))
 
 
 def run_null(config: Config) -> pd.DataFrame:
     """The level of the chi-square by preset, and by where the residuals are taken."""
-    few = range(config.first_seed, config.first_seed + config.n_shifted)
     return detection_study.null_rates(
-        NULL_SCENARIOS, config.scenario, few, config.nominal, config.jobs
+        NULL_SCENARIOS, config.scenario, config.few, config.nominal, config.jobs
     )
 
 
