@@ -33,7 +33,7 @@ class Config(Scenario):
 
     n_seeds : worlds of every case on the paper's scenario, and clean ones of every other
     n_calibration : clean worlds of the thresholds, of the seeds after these
-    n_shifted : worlds of every shifted scenario with wrong labels, and of `run_null`
+    n_shifted : worlds of every shifted scenario with wrong labels
     p_levels : wrong labels everywhere; burst_levels : in a burst of burst_poses poses
     p_shifted : wrong labels on the shifted scenarios
     nominal : rate of false alarms that thresholds are set for
@@ -133,7 +133,7 @@ def run(config: Config) -> Study:
 def run_null(config: Config) -> pd.DataFrame:
     """The level of the chi-square by preset, and by where the residuals are taken."""
     return detection_study.null_rates(
-        NULL_SCENARIOS, config.scenario, config.few, config.nominal, config.jobs
+        NULL_SCENARIOS, config.scenario, config.seeds, config.nominal, config.jobs
     )
 
 
