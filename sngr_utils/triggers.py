@@ -226,13 +226,20 @@ def record(
             here = f"{row['detector']}.{slug(row['case'])}"
             value(f"triggers.auc.{name}.{here}", row, "auc", ".2f")
     for case, rows in failed.groupby("case", sort=False):
-        to.value(f"triggers.base_rate.{slug(case)}", rows["base_rate"].iloc[0], ".2f")
+        to.value(f"triggers.base_rate.{slug(case)}", rows["base_rate"].iloc[0], ".2f", within=0.02)
     for _, row in decided.iterrows():
         value(f"triggers.mcc.{row['detector']}.{slug(row['case'])}", row, "mcc", ".2f")
     percent = clean.assign(**{c: 100 * clean[c] for c in ("fired", "fired_low", "fired_high")})
     for _, row in percent.iterrows():
         key = f"triggers.level.{row['detector']}.{slug(row['scenario'])}"
         value(key, row, "fired", ".1f")
+    for scenario, rows in clean.groupby("scenario", sort=False):
+        failed_here, n = 100 * rows["base_rate"].iloc[0], int(rows["worlds"].iloc[0])
+        to.value(f"triggers.level.failed.{slug(scenario)}", failed_here, ".0f", n=n, within=5)
+    lawful = percent.loc[percent["detector"] == "chi_square_robust", "fired"]
+    to.value("triggers.level.lowest", lawful.min(), ".1f", within=1)
+    to.value("triggers.level.highest", lawful.max(), ".1f", within=1)
+    to.value("triggers.level.scenarios", len(lawful), ".0f")
 
 
 def slug(name: str) -> str:

@@ -51,7 +51,7 @@ def test_tables_and_what_is_handed_on(config, study, tmp_path):
     claims = triggers.claims(study, config, rng=rng)
     assert len(tables.claims_table(claims, config.tau)) == 4 * 2
     assert len(tables.shifted_table(*triggers.shifted(study, rng=rng))) == scenarios - 1
-    assert len(tables.null_table(triggers.run_null(config))) == 2 * 3
+    assert len(tables.null_table(triggers.run_null(config))) == 2 * 2
     rows = triggers.calibration_rows(study, config, rng=rng)
     assert len(tables.calibration_table(rows)) == 5
     to = report.Report("06_triggers", tmp_path)
