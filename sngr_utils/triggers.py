@@ -239,6 +239,8 @@ def record(
     lawful = percent.loc[percent["detector"] == "chi_square_robust", "fired"]
     to.value("triggers.level.lowest", lawful.min(), ".1f", within=1)
     to.value("triggers.level.highest", lawful.max(), ".1f", within=1)
+    limit = 100 * clean.loc[clean["detector"] == "at_limit", "false_alarms"]
+    to.value("triggers.level.at_limit.highest", limit.max(), ".1f", within=1)
     to.value("triggers.level.scenarios", len(lawful), ".0f")
 
 
