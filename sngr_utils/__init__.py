@@ -30,6 +30,7 @@ what stands above it in this list:
 `refined_sweep`   the algorithm, as printed and corrected, over many worlds
 `sweeps`          many worlds: tidy tables, means with errors, paired differences, NEES variants
 `robust`          batch estimates under robust losses, GNC, and with the true associations
+`association`     which landmark a range came from: posterior, mutual exclusion, EM
 `plots`           ``draw_*(ax, data)``
 `report`          results -> JSON -> LaTeX values and tables
 `bench`           the engines side by side, and the growth with the length of the trajectory
