@@ -2,8 +2,8 @@
 
 A particle is one path of the robot and one list of decisions which landmark each range came from.
 Given both, landmarks are independent of each other, and each has a filter of its own in every
-particle: a few weighted Gaussians, since ranges from few poses leave mirror images. `compiled_
-particles` has the loops.
+particle: a few weighted Gaussians, since ranges from few poses leave mirror images. `particles`
+has the loops.
 
 The x0 prior needs no particles: with odometry and ranges only, moving it moves everything
 rigidly. All particles start at its mean, and its covariance is added to their spread.
@@ -15,7 +15,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from sngr_utils import compiled_particles, graph, world
+from sngr_utils import graph, particles, world
 from sngr_utils.world import Checked, Probability
 
 
@@ -74,23 +74,7 @@ class Particles:
         poses = self.poses
         deviations = self.paths[:, :, :2] - poses[:, :2]
         spread = np.einsum("n,nti,ntj->tij", self.weights, deviations, deviations)
-        return spread + rigid_covariances(poses, x0_sigmas)
-
-
-def rigid_covariances(poses: np.ndarray, x0_sigmas: list[float]) -> np.ndarray:
-    """(T, 2, 2) covariance of positions that move rigidly with the first pose, [m^2].
-
-    Parameters
-    ----------
-    poses : (T, 3), [m, m, rad]
-    x0_sigmas : (3,) of the first pose in its body frame, [m, m, rad]
-    """
-    cos, sin = np.cos(poses[0, 2]), np.sin(poses[0, 2])
-    by_x0 = np.zeros((len(poses), 2, 3))
-    by_x0[:, :, :2] = [[cos, -sin], [sin, cos]]
-    by_x0[:, 0, 2], by_x0[:, 1, 2] = -(poses - poses[0])[:, 1], (poses - poses[0])[:, 0]
-    scaled = by_x0 * np.asarray(x0_sigmas)
-    return scaled @ scaled.transpose(0, 2, 1)
+        return spread + world.rigid_covariances(poses, x0_sigmas)
 
 
 def run(
@@ -110,7 +94,7 @@ def run(
     Gaussians: Blanco, Fernandez-Madrigal, Gonzalez, IROS 2008.
     """
     s = the_world.scenario
-    setup = compiled_particles.Setup(
+    setup = particles.Setup(
         np.array([s.odometry_sigma_xy, s.odometry_sigma_xy, s.odometry_sigma_theta]),
         s.range_sigma,
         conventions.landmark_prior_sigma,
@@ -119,9 +103,9 @@ def run(
         settings.resample_below * settings.n_particles,
     )
     n, k, h = settings.n_particles, the_world.n_landmarks, settings.n_hypotheses
-    state = compiled_particles.empty(n, the_world.n_poses, k, h)
+    state = particles.empty(n, the_world.n_poses, k, h)
     state.paths[:, 0] = the_world.x0_mean
-    compiled_particles.run(
+    particles.run(
         setup, state, the_world.odometry, the_world.pose_of, the_world.label_of,
         the_world.ranges, rng,
     )  # fmt: skip

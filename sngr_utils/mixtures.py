@@ -56,9 +56,7 @@ def solve(
         factors = gtsam.NonlinearFactorGraph(sure)
         factors.push_back(_chosen_ranges(the_world, *chosen))
         result = robust.levenberg_marquardt(factors, solution.estimate)
-        solution = graph.Solution(
-            None, factors, result, the_world.n_poses, the_world.n_landmarks
-        )
+        solution = graph.Solution(None, factors, result, the_world.n_poses, the_world.n_landmarks)
     return solution
 
 

@@ -6,6 +6,7 @@ prior, the odometry and the weak landmark priors stay quadratic. Tuning constant
 the literature for residuals of unit variance, never fitted to these worlds.
 """
 
+import math
 from dataclasses import replace
 
 import gtsam
@@ -14,6 +15,7 @@ from gtsam.symbol_shorthand import L, X
 from scipy import stats
 
 from sngr_utils import graph, world
+from sngr_utils.jit import compile_once
 
 # rho(r) of a whitened range residual r, and where its constant comes from
 METHODS = {
@@ -24,8 +26,7 @@ METHODS = {
     "geman_mcclure": "c = 1 (Geman & McClure 1985; Zhang 1997)",
     "gnc_tls": "truncated at the 99 % quantile of chi-square, 1 degree of freedom, reached by "
     "graduated non-convexity (Yang et al., RA-L 2020)",
-    "gnc_gm": "Geman-McClure with c^2 at that quantile, reached by graduated non-convexity "
-    "(Yang et al., RA-L 2020)",
+    "gnc_gm": "Geman-McClure with c^2 at that quantile, reached likewise (Yang et al., RA-L 2020)",
     "oracle": "r^2 / 2 with every range attached to the landmark it came from",
 }
 STARTS = {
@@ -95,9 +96,7 @@ def solve(
     return graph.Solution(None, factors, result, the_world.n_poses, the_world.n_landmarks)
 
 
-def levenberg_marquardt(
-    factors: gtsam.NonlinearFactorGraph, values: gtsam.Values
-) -> gtsam.Values:
+def levenberg_marquardt(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Values:
     """Optimise to convergence; robust losses are reweighted, which is slow."""
     # GTSAM's own defaults let lambda underflow to 0, which no factor raises again: a hang
     params = gtsam.LevenbergMarquardtParams.CeresDefaults()
@@ -192,14 +191,30 @@ def best_cell(
     """
     low, high = positions.min(axis=0) - ranges.max(), positions.max(axis=0) + ranges.max()
     axes = np.linspace(low, high, GRID_CELLS)
-    dx, dy = axes.T[:, :, None] - positions.T[:, None]
-    distances = np.hypot(dx[:, None], dy[None])
     # a point of the cell is uniform about its centre: one twelfth of the squared width
     spread = variances + ((high - low) / (GRID_CELLS - 1)).max() ** 2 / 12
-    right = np.exp(-0.5 * (ranges - distances) ** 2 / spread) / np.sqrt(2 * np.pi * spread)
-    either = (1 - GRID_OUTLIER_SHARE) * right + GRID_OUTLIER_SHARE / longest
-    i, j = np.unravel_index(np.argmax(np.log(either).sum(axis=2)), (GRID_CELLS, GRID_CELLS))
+    scores = _cell_scores(axes, positions, ranges, spread, longest)
+    i, j = np.unravel_index(np.argmax(scores), scores.shape)
     return np.array([axes[i, 0], axes[j, 1]])
+
+
+@compile_once
+def _cell_scores(axes, positions, ranges, spread, longest):
+    """(G, G) log-likelihood of N ranges at the cells whose coordinates are the (G, 2) axes."""
+    n, log_outlier = len(axes), math.log(GRID_OUTLIER_SHARE / longest)
+    scores, peak = np.zeros((n, n)), (1 - GRID_OUTLIER_SHARE) / np.sqrt(2 * np.pi * spread)
+    for i in range(n):
+        for j in range(n):
+            for m in range(len(ranges)):
+                dx, dy = axes[i, 0] - positions[m, 0], axes[j, 1] - positions[m, 1]
+                error = ranges[m] - math.sqrt(dx * dx + dy * dy)
+                square = error * error / spread[m]
+                if square > 80:  # a right range adds less than rounding takes
+                    scores[i, j] += log_outlier
+                else:
+                    right = peak[m] * math.exp(-0.5 * square)
+                    scores[i, j] += math.log(right + GRID_OUTLIER_SHARE / longest)
+    return scores
 
 
 def values_of(poses: np.ndarray, landmarks: np.ndarray) -> gtsam.Values:

@@ -5,11 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sngr_utils.crossings import crossings, distance_between, evidence, refine
 from sngr_utils.jit import compile_once
 
-OUTLIER_SHARE = 0.5  # of the ranges a landmark is started from: right or wrong alike
 APART = 0.5  # m, between the hypotheses of a landmark at its start
-REFINEMENTS = 6  # reweighted Gauss-Newton steps of a hypothesis at its start
 TWO_PI = 2 * math.pi
 
 
@@ -177,12 +176,12 @@ def start(setup, state, n, k, seen_from, distances):
     Any of the (R,) ranges may be an outlier, uniform up to the longest. The particle is weighed
     by their evidence, a sum of Laplace's approximations.
     """
-    positions = state.paths[n, :, :2][seen_from]
+    positions, sigma = state.paths[n, :, :2][seen_from], setup.range_sigma
     candidates = crossings(positions, distances)
     scores = np.empty(len(candidates))
     for i in range(len(candidates)):
         # a crossing of two noisy circles errs by more than a range
-        scores[i] = evidence(candidates[i], positions, distances, 3 * setup.range_sigma, setup)
+        scores[i] = evidence(candidates[i], positions, distances, 3 * sigma, setup.longest)
     evidences = np.full(state.shares.shape[2], -np.inf)
     for h in range(len(evidences)):
         best = int(np.argmax(scores))
@@ -194,81 +193,18 @@ def start(setup, state, n, k, seen_from, distances):
         for i in range(len(candidates)):
             if distance_between(candidates[i], chosen) < APART:
                 scores[i] = -np.inf
-        covariance = refine(chosen, positions, distances, setup)
+        covariance = refine(
+            chosen, positions, distances, sigma, setup.longest, setup.landmark_sigma
+        )
         state.means[n, k, h] = chosen
         state.covariances[n, k, h] = covariance
         determinant = covariance[0] * covariance[2] - covariance[1] ** 2
-        evidences[h] = evidence(chosen, positions, distances, setup.range_sigma, setup)
+        evidences[h] = evidence(chosen, positions, distances, sigma, setup.longest)
         evidences[h] += 0.5 * math.log(determinant)
     largest = evidences.max()
     shares = np.exp(evidences - largest)
     state.log_weights[n] += largest + math.log(shares.sum())
     state.shares[n, k] = shares / shares.sum()
-
-
-@compile_once
-def distance_between(a, b):
-    """Of two (2,) points, [m]."""
-    return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2)
-
-
-@compile_once
-def crossings(positions, distances):
-    """(C, 2) crossings of every two circles, or where they come nearest, [m]."""
-    n = len(distances)
-    found = np.empty((n * (n - 1), 2))
-    i = 0
-    for a in range(n):
-        for b in range(a):
-            dx, dy = positions[b] - positions[a]
-            base = max(math.sqrt(dx * dx + dy * dy), 1e-9)
-            along = 0.5 * (base + (distances[a] ** 2 - distances[b] ** 2) / base)
-            across = math.sqrt(max(distances[a] ** 2 - along**2, 0.0))
-            x, y = positions[a, 0] + along * dx / base, positions[a, 1] + along * dy / base
-            found[i] = x - across * dy / base, y + across * dx / base
-            found[i + 1] = x + across * dy / base, y - across * dx / base
-            i += 2
-    return found
-
-
-@compile_once
-def evidence(place, positions, distances, sigma, setup):
-    """Log-likelihood of ranges to a place, each right or an outlier, [nats]."""
-    total = 0.0
-    for i in range(len(distances)):
-        error = (distance_between(place, positions[i]) - distances[i]) / sigma
-        right = math.exp(-0.5 * error * error) / (math.sqrt(TWO_PI) * sigma)
-        total += math.log((1 - OUTLIER_SHARE) * right + OUTLIER_SHARE / setup.longest)
-    return total
-
-
-@compile_once
-def refine(place, positions, distances, setup):
-    """Move a place to the nearest maximum of `evidence`; its covariance (xx, xy, yy), [m^2].
-
-    EM: each range weighs as much as it is probably right; the sigma shrinks to its own.
-    """
-    covariance = np.empty(3)
-    for step in range(REFINEMENTS):
-        sigma = setup.range_sigma * max(1.0, 3.0 - step)
-        xx = yy = setup.landmark_sigma**-2
-        xy = gx = gy = 0.0
-        for i in range(len(distances)):
-            dx, dy = place - positions[i]
-            expected = max(math.sqrt(dx * dx + dy * dy), 1e-9)
-            error = distances[i] - expected
-            likelihood = math.exp(-0.5 * (error / sigma) ** 2) / (math.sqrt(TWO_PI) * sigma)
-            right = (1 - OUTLIER_SHARE) * likelihood
-            weight = right / (right + OUTLIER_SHARE / setup.longest) / sigma**2
-            ux, uy = dx / expected, dy / expected
-            xx, xy, yy = xx + weight * ux * ux, xy + weight * ux * uy, yy + weight * uy * uy
-            gx, gy = gx + weight * ux * error, gy + weight * uy * error
-        determinant = xx * yy - xy * xy
-        covariance[0], covariance[1], covariance[2] = yy, -xy, xx
-        covariance /= determinant
-        place[0] += covariance[0] * gx + covariance[1] * gy
-        place[1] += covariance[1] * gx + covariance[2] * gy
-    return covariance
 
 
 # --- resampling -----------------------------------------------------------------------------
@@ -277,7 +213,6 @@ def refine(place, positions, distances, setup):
 @compile_once
 def resample(setup, state, rng):
     """Systematic resampling where the effective sample size is too small."""
-    n = len(state.log_weights)
     weights = np.exp(state.log_weights - state.log_weights.max())
     weights /= weights.sum()
     if 1 / (weights**2).sum() >= setup.enough:
