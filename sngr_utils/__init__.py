@@ -11,6 +11,7 @@ what stands above it in this list:
 `variations`      bursts, slips of the odometry, a drawn x0 prior
 `metrics`         RMSE, NEES, precision and recall, bimodality coefficient
 `graph`           GTSAM factors, the iSAM2 run, joint marginals
+`mirror`          would the mirror image of a landmark explain its ranges as well?
 `windows`         three-pose windows: score, failure, closure, factors
 `information`     GTSAM's linearisation as blocks of the information matrix, compiled
 `chain`           all window marginals at once, by a selected inverse
@@ -37,16 +38,24 @@ what stands above it in this list:
 `particles`       the loops of FastSLAM, compiled
 `fastslam`        Rao-Blackwellised particle filter with associations in doubt
 `estimators`      all peers behind one call, and compared on the same worlds
+`leverage`        do a window's ranges fit? a chi-square that knows their leverage
+`detectors`       scores of windows: what may tell that an estimate has failed
+`calibration`     thresholds with a controlled rate of false alarms
+`clustered`       how well scores rank or decide, drawing whole worlds
+`detection_study` what every detector says of every window, and the truth beside it
+`detection_summary` the same summed up: ranking, decisions, false alarms
 `plots`           ``draw_*(ax, data)``
 `peer_plots`      those of notebook 07
 `report`          results -> JSON -> LaTeX values and tables
+`trigger_tables`  the tables of notebook 06
+`trigger_plots`   its figures
 `bench`           the engines side by side, and the growth with the length of the trajectory
 `printed`         the paper's numbers with the digits it prints
 `contradictions`  where those numbers contradict each other
 `rules`           how a verdict follows from a printed value and ours
 `parameters`      reads ``params/*.yaml`` and checks every value
 `bimodal` ...     one driver per notebook: `bimodal`, `trigger_sweep`, `full_sngr`, `cost`,
-                  `audit`, `peers`
+                  `audit`, `triggers`, `peers`
 `audit_tables`    the tables of notebook 05
 `peer_tables`     the tables of notebook 07
 `claims`          what the paper claims, from ``paper/claims.yaml``

@@ -16,19 +16,20 @@ MODULES = sorted(paths.PACKAGE.glob("*.py"))
 
 # The order in which the package's docstring lists the modules; each imports only from above.
 ORDER = [
-    "paths", "style", "jit", "world", "variations", "metrics", "graph", "windows",
+    "paths", "style", "jit", "world", "variations", "metrics", "graph", "mirror", "windows",
     "information", "chain",
     "nested", "compiled", "compiled_nested", "compiled_walk", "importance", "laplace",
     "posterior", "engines", "refine", "baseline", "corrected",
     "window_audit", "sampler_audit", "refined_sweep",
     "sweeps", "robust", "association", "switchable", "mixtures",
-    "crossings", "particles", "fastslam", "estimators", "plots", "peer_plots", "report", "bench",
+    "crossings", "particles", "fastslam", "estimators",
+    "leverage", "detectors", "calibration", "clustered", "detection_study", "detection_summary",
+    "plots", "peer_plots", "report", "trigger_tables", "trigger_plots", "bench",
     "printed", "contradictions", "rules", "parameters", "bimodal", "trigger_sweep",
-    "full_sngr", "cost",
-    "audit_tables", "audit", "peer_tables", "peers", "claims", "verdicts",
-    "verdict_tables", "run", "verify",
+    "full_sngr", "cost", "triggers", "audit_tables", "audit", "peer_tables", "peers",
+    "claims", "verdicts", "verdict_tables", "run", "verify",
 ]  # fmt: skip
-DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost", "audit", "peers"}
+DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost", "audit", "triggers", "peers"}
 
 
 def test_no_global_random_state():
