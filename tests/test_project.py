@@ -21,13 +21,15 @@ ORDER = [
     "nested", "compiled", "compiled_nested", "compiled_walk", "importance", "laplace",
     "posterior", "engines", "refine", "baseline", "corrected",
     "window_audit", "sampler_audit", "refined_sweep",
-    "sweeps", "robust", "association", "leverage", "detectors", "calibration", "clustered",
-    "detection_study", "detection_summary", "plots", "report", "trigger_tables", "trigger_plots",
-    "bench", "printed", "contradictions", "rules", "parameters",
-    "bimodal", "trigger_sweep", "full_sngr", "cost", "triggers",
-    "audit_tables", "audit", "claims", "verdicts", "verdict_tables", "run", "verify",
+    "sweeps", "robust", "association", "switchable", "mixtures",
+    "crossings", "particles", "fastslam", "estimators",
+    "leverage", "detectors", "calibration", "clustered", "detection_study", "detection_summary",
+    "plots", "peer_plots", "report", "trigger_tables", "trigger_plots", "bench",
+    "printed", "contradictions", "rules", "parameters", "bimodal", "trigger_sweep",
+    "full_sngr", "cost", "triggers", "audit_tables", "audit", "peer_tables", "peers",
+    "claims", "verdicts", "verdict_tables", "run", "verify",
 ]  # fmt: skip
-DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost", "audit", "triggers"}
+DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost", "audit", "triggers", "peers"}
 
 
 def test_no_global_random_state():
