@@ -21,6 +21,10 @@ what stands above it in this list:
 `compiled_walk`   dynesty with its random walk compiled
 `importance`      the fast path: many-start optimisation and importance sampling
 `laplace`         one window as one Gaussian, with the full Hessian
+`targets`         small posteriors that need not be Gaussian: a landmark, an ambiguous window
+`many_starts`     their modes by optimisation, and importance sampling about them
+`brute_force`     their references by quadrature and by particle filters
+`ancestral`       nested sampling inside a Gaussian, a ring or a spanning tree
 `posterior`       a window's posterior under all factors, each counted once
 `engines`         the four ways to sample a window, behind one call
 `refine`          the paper's algorithm and its trigger-only baseline
