@@ -21,7 +21,8 @@ what stands above it in this list:
 `compiled_walk`   dynesty with its random walk compiled
 `importance`      the fast path: many-start optimisation and importance sampling
 `laplace`         one window as one Gaussian, with the full Hessian
-`targets`         small posteriors that need not be Gaussian: a landmark, an ambiguous window
+`window_target`   posterior of a window whose ranges may belong to any landmark
+`landmark_target` posterior of a landmark in the plane, its poses integrated out
 `many_starts`     their modes by optimisation, and importance sampling about them
 `brute_force`     their references by quadrature and by particle filters
 `ancestral`       nested sampling inside a Gaussian, a ring or a spanning tree

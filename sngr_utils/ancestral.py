@@ -15,8 +15,9 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from sngr_utils import compiled_nested
+from sngr_utils.landmark_target import Landmark
 from sngr_utils.nested import NestedRun, SamplerSettings, run_nested
-from sngr_utils.targets import LOG_TAU, Landmark, Window
+from sngr_utils.window_target import LOG_TAU, Window
 
 
 @dataclass(frozen=True)

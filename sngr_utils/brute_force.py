@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sngr_utils.landmark_target import Landmark
 from sngr_utils.metrics import effective_sample_size
-from sngr_utils.targets import Landmark, Window
+from sngr_utils.window_target import Window
 
 REACH = 7.0  # standard deviations of the first range that the grid covers to either side
 

@@ -1,7 +1,8 @@
 """The modes of any small posterior by optimisation from many starts, and what one can do with them.
 
 `importance` does the same, compiled, for windows whose factors are GTSAM's; here the posterior is
-any function of many points at once (`targets`).
+any function of many points at once (`landmark_target`,
+`window_target`).
 """
 
 from collections.abc import Callable
@@ -12,9 +13,10 @@ from scipy.optimize import minimize
 from scipy.stats import multivariate_t
 
 from sngr_utils.importance import DEGREES, SAME_MODE
+from sngr_utils.landmark_target import Landmark
 from sngr_utils.laplace import derivatives
 from sngr_utils.nested import NestedRun
-from sngr_utils.targets import LOG_TAU, Landmark
+from sngr_utils.window_target import LOG_TAU
 
 LEAST_SHARE = 0.02  # of the draws that each mode gets, however light
 STEP = 1e-4  # of the differences

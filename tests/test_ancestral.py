@@ -8,7 +8,15 @@ import pytest
 from scipy import stats
 from test_brute_force import SIGMAS, a_world, anchors, window
 
-from sngr_utils import ancestral, brute_force, compiled_nested, many_starts, nested, targets
+from sngr_utils import (
+    ancestral,
+    brute_force,
+    compiled_nested,
+    landmark_target,
+    many_starts,
+    nested,
+    window_target,
+)
 
 SETTINGS = nested.SamplerSettings(n_live=200, min_walks=25)
 
@@ -39,7 +47,7 @@ def test_a_gaussian_prior_is_drawn_as_it_is_weighed():
 def test_evidence_and_masses_of_a_landmark(n):
     """dynesty from the ring against quadrature: four of its own errors, and masses to 0.15, some
     four standard deviations at 200 live points."""
-    target = targets.landmark_of(a_world(), SIGMAS, 5.0, 0, n) if n else anchors()
+    target = landmark_target.landmark_of(a_world(), SIGMAS, 5.0, 0, n) if n else anchors()
     reference = brute_force.landmark_reference(target)
     modes = many_starts.find_modes(target, many_starts.ring_starts(target))
     run = ancestral.sample(target, ancestral.ring(target), SETTINGS, rng=np.random.default_rng(n))
@@ -52,8 +60,8 @@ def test_evidence_and_masses_of_a_landmark(n):
 def test_root_to_leaves_agrees_with_poses_integrated_out():
     """Two poses and a landmark, eight numbers, from the tree; against the plane's quadrature."""
     the_world = a_world()
-    plane = targets.landmark_of(the_world, SIGMAS, 5.0, 0, 2)
-    full = targets.window_of(the_world, SIGMAS, 0.0, 1)
+    plane = landmark_target.landmark_of(the_world, SIGMAS, 5.0, 0, 2)
+    full = window_target.window_of(the_world, SIGMAS, 0.0, 1)
     joint = replace(
         full, unknown=True, prior_sigma=5.0, odometry=full.odometry[:1], pose_of=np.arange(2),
         ranges=plane.ranges, log_shares=np.zeros((2, 1)), landmarks=plane.centre[None],

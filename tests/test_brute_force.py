@@ -9,7 +9,15 @@ import pytest
 from gtsam.symbol_shorthand import X
 from scipy import integrate, stats
 
-from sngr_utils import brute_force, graph, many_starts, targets, variations, world
+from sngr_utils import (
+    brute_force,
+    graph,
+    landmark_target,
+    many_starts,
+    variations,
+    window_target,
+    world,
+)
 
 SIGMAS = graph.PRESETS["C"].x0_sigmas
 WEAK = world.Scenario(n_poses=3, odometry_sigma_xy=0.5, odometry_sigma_theta=0.1)
@@ -18,7 +26,7 @@ WEAK = world.Scenario(n_poses=3, odometry_sigma_xy=0.5, odometry_sigma_theta=0.1
 def anchors(distance=4.0, measured=3.0, sigma=0.2):
     """Notebook 1: two known anchors, both `measured` metres from a landmark."""
     positions = np.array([[0.0, 0.0], [distance, 0.0]])
-    return targets.Landmark(
+    return landmark_target.Landmark(
         positions, np.zeros((4, 4)), np.array([measured, measured]), sigma, positions.mean(axis=0),
         10.0,
     )  # fmt: skip
@@ -33,7 +41,7 @@ def window(n_ranges=1, seed=100, range_sigma=0.1, **changes):
     rng = np.random.default_rng(seed)
     scenario = WEAK.model_copy(update={"range_sigma": range_sigma})
     the_world = variations.draw_x0(world.simulate(scenario, 0.4, rng=rng), [0.5, 0.5, 0.1], rng=rng)
-    return replace(targets.window_of(the_world, [0.5, 0.5, 0.1], 0.4, n_ranges), **changes)
+    return replace(window_target.window_of(the_world, [0.5, 0.5, 0.1], 0.4, n_ranges), **changes)
 
 
 # --- targets --------------------------------------------------------------------------------
@@ -61,18 +69,18 @@ def test_integrating_poses_out_to_first_order_is_accurate(n):
     """Against a Monte Carlo mean over the poses, at places where the posterior is. A false alarm
     is a deviation of five standard errors at one of six places: less than 1e-5."""
     the_world, rng = a_world(), np.random.default_rng(2)
-    target = targets.landmark_of(the_world, SIGMAS, 5.0, 0, n)
+    target = landmark_target.landmark_of(the_world, SIGMAS, 5.0, 0, n)
     reference = brute_force.landmark_reference(target)
     heavy = np.argsort(-reference.weights)[:3000]
     places = reference.points[rng.choice(heavy, 3)]
     mine = np.flatnonzero(the_world.label_of == 0)[:n]
     joint = replace(
-        targets.window_of(the_world, SIGMAS, 0.0, 1), unknown=True, prior_sigma=5.0,
+        window_target.window_of(the_world, SIGMAS, 0.0, 1), unknown=True, prior_sigma=5.0,
         odometry=the_world.odometry[: n - 1], pose_of=np.arange(n), ranges=the_world.ranges[mine],
         log_shares=np.zeros((n, 1)), landmarks=target.centre[None],
     )  # fmt: skip
     noises = rng.standard_normal((200_000, joint.n_noises))
-    prior = -0.5 * (np.sum(noises**2, axis=1) + joint.n_noises * targets.LOG_TAU)
+    prior = -0.5 * (np.sum(noises**2, axis=1) + joint.n_noises * window_target.LOG_TAU)
     for place in places:
         points = np.hstack([noises, np.tile(place, (len(noises), 1))])
         density = np.exp(joint(points) - prior)
@@ -84,7 +92,7 @@ def test_integrating_poses_out_to_first_order_is_accurate(n):
 def test_a_landmark_that_a_range_cannot_belong_to_does_not_count():
     """With p = 0 the mixture is the one Gaussian of the attached landmark."""
     the_world = a_world()
-    target = targets.window_of(the_world, SIGMAS, 0.0, 2)
+    target = window_target.window_of(the_world, SIGMAS, 0.0, 2)
     noises = 0.1 * np.random.default_rng(8).standard_normal((3, 90))
     where = target.positions(noises)[:, target.pose_of]
     distances = np.linalg.norm(where - the_world.landmarks[np.tile([0, 1], 30)], axis=2)
@@ -94,14 +102,14 @@ def test_a_landmark_that_a_range_cannot_belong_to_does_not_count():
 
 def test_landmark_of_needs_a_range_from_every_pose():
     with pytest.raises(ValueError, match="n is 31"):
-        targets.landmark_of(a_world(), SIGMAS, 5.0, 0, 31)
+        landmark_target.landmark_of(a_world(), SIGMAS, 5.0, 0, 31)
 
 
 def test_window_of_names_what_is_wrong():
     with pytest.raises(ValueError, match="p is 1"):
-        targets.window_of(a_world(), SIGMAS, 1.5, 1)
+        window_target.window_of(a_world(), SIGMAS, 1.5, 1)
     with pytest.raises(ValueError, match="n_ranges"):
-        targets.window_of(a_world(), SIGMAS, 0.4, 0)
+        window_target.window_of(a_world(), SIGMAS, 0.4, 0)
 
 
 # --- quadrature -----------------------------------------------------------------------------
@@ -109,7 +117,7 @@ def test_window_of_names_what_is_wrong():
 
 def test_evidence_of_one_range_is_a_radial_integral():
     """The prior is centred on the only position, so what is left is one integral over radii."""
-    target = targets.Landmark(
+    target = landmark_target.Landmark(
         np.zeros((1, 2)), np.zeros((2, 2)), np.array([3.0]), 0.1, np.zeros(2), 5.0
     )
     exact = integrate.quad(
@@ -179,7 +187,7 @@ def test_filters_agree_with_quadrature_of_one_pose():
     axis = np.arange(-6, 6, 0.02)
     noises = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     noises = np.column_stack([noises, np.zeros(len(noises))])
-    exact = np.logaddexp.reduce(target(noises)) + 2 * math.log(0.02) + 0.5 * targets.LOG_TAU
+    exact = np.logaddexp.reduce(target(noises)) + 2 * math.log(0.02) + 0.5 * window_target.LOG_TAU
     found = brute_force.window_reference(target, 5000, rng=np.random.default_rng(3))
     assert found.log_evidence_error < 0.05
     assert abs(found.log_evidence - exact) < 5 * found.log_evidence_error

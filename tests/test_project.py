@@ -19,7 +19,7 @@ ORDER = [
     "paths", "style", "jit", "world", "variations", "metrics", "graph", "mirror", "windows",
     "information", "chain",
     "nested", "compiled", "compiled_nested", "compiled_walk", "importance", "laplace",
-    "targets", "many_starts", "brute_force", "ancestral",
+    "window_target", "landmark_target", "many_starts", "brute_force", "ancestral",
     "posterior", "engines", "refine", "baseline", "corrected",
     "window_audit", "sampler_audit", "refined_sweep",
     "sweeps", "robust", "plots", "report", "bench", "printed", "contradictions", "rules",
