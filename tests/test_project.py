@@ -19,14 +19,16 @@ ORDER = [
     "paths", "style", "jit", "world", "variations", "metrics", "graph", "mirror", "windows",
     "information", "chain",
     "nested", "compiled", "compiled_nested", "compiled_walk", "importance", "laplace",
-    "window_target", "landmark_target", "many_starts", "brute_force", "ancestral",
+    "window_target", "landmark_target", "many_starts", "brute_force", "ancestral", "contest",
     "posterior", "engines", "refine", "baseline", "corrected",
     "window_audit", "sampler_audit", "refined_sweep",
-    "sweeps", "robust", "plots", "report", "bench", "printed", "contradictions", "rules",
+    "sweeps", "robust", "plots", "report", "multimodal_plots", "bench",
+    "printed", "contradictions", "rules",
     "parameters", "bimodal", "trigger_sweep", "full_sngr", "cost",
-    "audit_tables", "audit", "claims", "verdicts", "verdict_tables", "run", "verify",
+    "audit_tables", "audit", "multimodal", "multimodal_tables",
+    "claims", "verdicts", "verdict_tables", "run", "verify",
 ]  # fmt: skip
-DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost", "audit"}
+DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost", "audit", "multimodal"}
 
 
 def test_no_global_random_state():
