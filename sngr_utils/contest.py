@@ -88,3 +88,17 @@ def judge(
         }
 
     return errors
+
+
+def compile_all() -> None:
+    """Compile the targets and the sampler for them, or load what an earlier run has compiled."""
+    rng, settings = np.random.default_rng(0), SamplerSettings(n_live=20)
+    window = Window(
+        np.zeros(3), np.ones(3), np.zeros((0, 3)), np.ones(3), np.zeros(1, int), np.ones(1),
+        np.zeros((1, 1)), np.zeros((1, 2)), 1.0,
+    )  # fmt: skip
+    ancestral.sample(window, ancestral.tree(window), settings, rng=rng)
+    brute_force.window_reference(window, 10, rng=rng)
+    landmark = Landmark(np.zeros((1, 2)), np.zeros((2, 2)), np.ones(1), 1.0, np.zeros(2), 1.0)
+    ancestral.sample(landmark, ancestral.ring(landmark), settings, rng=rng)
+    brute_force.landmark_reference(landmark, 4, 4)

@@ -5,24 +5,26 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import Ellipse
 
 from sngr_utils import style
 from sngr_utils.plots import legend_above
 
+WHITE_TO_GREEN = LinearSegmentedColormap.from_list("", ["white", style.SAMPLES])
 LEAST = 1e-3  # what a logarithmic axis shows for less
 COLOURS = [style.ESTIMATE, style.TRIGGERED, style.LANDMARK, style.SAMPLES, style.PRIOR]
 
 
 def draw_posterior(ax: Axes, view) -> None:
-    """Posterior of a landmark (`multimodal.View`), the poses, and two sigma of one Gaussian.
+    """Posterior of a landmark (a `multimodal.View`), the poses, two sigma of one Gaussian.
 
     The shade is the root of the density, so that a light mode is seen beside a heavy one.
     """
     places = np.concatenate([view.places, view.places[:, :1]], axis=1)
     shade = np.exp(0.5 * (view.log_density - view.log_density.max()))
     shade = np.concatenate([shade, shade[:, :1]], axis=1)
-    ax.pcolormesh(places[..., 0], places[..., 1], shade, cmap="Greens", shading="gouraud",
+    ax.pcolormesh(places[..., 0], places[..., 1], shade, cmap=WHITE_TO_GREEN, shading="gouraud",
                   rasterized=True)  # fmt: skip
     if view.gaussian is not None:
         variances, axes = np.linalg.eigh(view.gaussian[1])
@@ -32,7 +34,7 @@ def draw_posterior(ax: Axes, view) -> None:
                              color=style.ESTIMATE))  # fmt: skip
     ax.plot(*view.positions.T, ".", color=style.PRINTED)
     ax.plot(*view.truth, "+", color=style.TRUTH, ms=6)
-    ax.set(xlabel="x [m]", aspect="equal")
+    ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", xlim=(0, 10), ylim=(-4, 6))
 
 
 def draw_divergences(ax: Axes, found: pd.DataFrame, kl_limit: float, fires: np.ndarray) -> None:
@@ -45,18 +47,19 @@ def draw_divergences(ax: Axes, found: pd.DataFrame, kl_limit: float, fires: np.n
                 label=f"mirror test {name}")  # fmt: skip
     ax.axhline(kl_limit, color=style.TRUTH, lw=0.6, ls=":")
     ax.set(
-        yscale="log", ylabel="KL(posterior ‖ one Gaussian) [nats]", xticks=sorted(set(found["n"]))
-    )
+        yscale="log", ylabel="KL(posterior ‖ one Gaussian) [nats]", xticks=sorted(set(found["n"])),
+        xlabel="poses that saw the landmark",
+    )  # fmt: skip
     legend_above(ax, 2)
 
 
 def draw_look(ax: Axes, prior: np.ndarray, samples: np.ndarray, weights: np.ndarray) -> None:
     """Draws (N, 2) of a prior, and the weighted samples that nested sampling found in it, [m]."""
-    ax.plot(*prior.T, ".", ms=1.5, color=style.PRIOR, alpha=0.6, label="prior")
+    ax.plot(*prior.T, ".", ms=1.5, color=style.PRIOR, alpha=0.6, label="prior", zorder=1)
     kept = weights > 0.02 * weights.max()
     ax.scatter(*samples[kept].T, s=8 * weights[kept] / weights.max(), color=style.SAMPLES, lw=0,
-               label="posterior found")  # fmt: skip
-    ax.set(xlabel="x [m]", aspect="equal", xlim=(-6, 10), ylim=(-8, 8))
+               alpha=0.5, label="posterior found", zorder=2)  # fmt: skip
+    ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", xlim=(-5, 9), ylim=(-7, 7))
 
 
 def draw_mass_errors(

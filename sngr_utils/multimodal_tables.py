@@ -156,3 +156,12 @@ def record(
         )
         calls = rows["calls"].mean() / 1000
         to.value(f"{here}.calls", calls, ".0f", n=len(rows), within=0.3 * calls)
+
+
+def record_strong(strong: pd.DataFrame, to: report.Report) -> None:
+    """Hand on what windows with the paper's own odometry hold."""
+    two = int((strong["second"] >= multimodal.SECOND_MASS).sum())
+    to.value("multimodal.strong.two", two, ".0f", n=len(strong), within=2)
+    to.value("multimodal.strong.windows", len(strong), ".0f")
+    largest = strong["kl"].median()
+    to.value("multimodal.strong.kl", largest, unit="nats", n=len(strong), within=0.2)
