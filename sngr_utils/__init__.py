@@ -69,6 +69,7 @@ what stands above it in this list:
 `claims`          what the paper claims, from ``paper/claims.yaml``
 `verdicts`        a verdict on every claim
 `verdict_tables`  the verdicts in LaTeX and in the README
+`warm_up`         compiles everything once, before notebooks run side by side
 `run`             runs the notebooks headless (used by the Makefile)
 `verify`          re-runs everything and compares it with the committed reference
 ================  =====================================================================

@@ -29,7 +29,7 @@ ORDER = [
     "printed", "contradictions", "rules", "parameters", "bimodal", "trigger_sweep",
     "full_sngr", "cost", "triggers", "audit_tables", "audit", "peer_tables", "peers",
     "multimodal", "multimodal_tables",
-    "claims", "verdicts", "verdict_tables", "run", "verify",
+    "claims", "verdicts", "verdict_tables", "warm_up", "run", "verify",
 ]  # fmt: skip
 DRIVERS = {
     "bimodal", "trigger_sweep", "full_sngr", "cost", "audit", "triggers", "peers", "multimodal",
