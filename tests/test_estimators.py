@@ -5,7 +5,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sngr_utils import estimators, fastslam, graph, metrics, robust, variations, world
+from sngr_utils import (
+    estimators,
+    fastslam,
+    graph,
+    metrics,
+    refined_sweep,
+    robust,
+    variations,
+    world,
+)
 
 C = graph.PRESETS["C"]
 FEW = fastslam.Settings(n_particles=50)
@@ -73,6 +82,17 @@ def test_methods_are_those_of_their_modules():
     assert np.array_equal(estimate(drawn, "isam2").poses, graph.run_isam2(drawn, C).poses)
 
 
+def test_sngr_is_that_of_the_other_notebooks():
+    """Same streams; the window covariances come from another, equal, computation."""
+    sweep = refined_sweep.run_sweep(world.Scenario(), {"C": C}, [0.2], [104], jobs=1)
+    drawn = make(0.2, 104)
+    rng = np.random.default_rng([104, 1])
+    found = estimators.estimate(drawn, C, "sngr", "grid", rng=rng)
+    rmse = metrics.rmse(found.poses[:, :2], drawn.poses[:, :2])
+    assert rmse == pytest.approx(sweep["sngr_pose_rmse"].iloc[0], rel=1e-4)
+    assert abs(rmse - sweep["isam2_pose_rmse"].iloc[0]) > 1e-3  # it did something
+
+
 @pytest.mark.parametrize("method", ["least_squares", "cauchy", "em"])
 def test_the_nees_expected_over_the_prior_is_that_of_drawn_priors(method):
     """Repeated runs with 40 drawn means: same average within 5 standard errors and 2 %.
@@ -116,7 +136,7 @@ def test_compare_is_one_estimate_per_row_in_any_order_of_work(runs):
 def test_whoever_doubts_beats_odometry_and_who_believes_does_not(runs):
     """One range in five is wrong. Four fixed worlds, so nothing here is random."""
     means = runs.groupby("method").pose_rmse.mean()
-    believers = {"dead_reckoning", "isam2", "least_squares"}
+    believers = {"dead_reckoning", "isam2", "sngr", "least_squares"}
     for method in estimators.METHODS:
         if method in believers:
             assert means[method] >= means["dead_reckoning"]
