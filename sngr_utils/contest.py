@@ -61,8 +61,9 @@ def window_truth(
 ) -> tuple[brute_force.Reference, Modes]:
     """A window's reference and its modes, from starts drawn from prior and posterior alike."""
     reference = brute_force.window_reference(target, n_particles, rng=rng)
-    drawn = reference.points[rng.choice(len(reference.points), N_STARTS, p=reference.weights)]
-    starts = np.concatenate([ancestral.tree(target).draw(N_STARTS, rng=rng), drawn])
+    half = N_STARTS // 2
+    drawn = reference.points[rng.choice(len(reference.points), half, p=reference.weights)]
+    starts = np.concatenate([ancestral.tree(target).draw(half, rng=rng), drawn])
     return reference, many_starts.find_modes(target, starts)
 
 

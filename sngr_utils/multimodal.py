@@ -54,7 +54,7 @@ class Config(Scenario):
 
     first_seed: Seed = 100
     n_seeds: Annotated[int, Field(ge=2)] = 12
-    poses_seen: Counts = [2, 3, 4, 5, 6, 7, 8]
+    poses_seen: Counts = [2, 3, 4, 5, 6, 8]
     poses_sampled: Counts = [2, 3, 8]
     n_sampled: Annotated[int, Field(ge=2)] = 4
     p: Probability = 0.4
@@ -63,8 +63,8 @@ class Config(Scenario):
     kl_limit: Positive = 1.0
     gap_limit: Positive = 3.0
     tau: Positive = 3.96
-    n_live_landmark: Annotated[int, Field(ge=20)] = 800
-    n_live_window: Annotated[int, Field(ge=20)] = 500
+    n_live_landmark: Annotated[int, Field(ge=20)] = 600
+    n_live_window: Annotated[int, Field(ge=20)] = 400
     n_particles: Annotated[int, Field(ge=100)] = 6_000
     jobs: Annotated[int, Field(ge=1)] = 2
 

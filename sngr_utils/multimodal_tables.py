@@ -65,17 +65,35 @@ def samplers_table(runs: pd.DataFrame, case: str) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=heads)
 
 
-def mass_errors(runs: pd.DataFrame) -> dict[str, dict[str, np.ndarray]]:
-    """Case and size -> method -> (n,) errors of the masses, for the figure."""
-    cases = {
-        "landmark, few poses": runs[(runs["case"] == "landmark") & (runs["size"] <= FEW)],
-        "landmark, more poses": runs[(runs["case"] == "landmark") & (runs["size"] > FEW)],
+def groups(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """The runs on landmarks that few poses saw, that more did, and on windows."""
+    landmark, few = runs["case"] == "landmark", runs["size"] <= FEW
+    return {
+        "landmark, few poses": runs[landmark & few],
+        "landmark, more poses": runs[landmark & ~few],
         "window": runs[runs["case"] == "window"],
     }
+
+
+def mass_errors(runs: pd.DataFrame) -> dict[str, dict[str, np.ndarray]]:
+    """Group -> method -> (n,) errors of the masses, for the figure."""
     return {
         name: {m: found.loc[found["method"] == m, "mass_error"].to_numpy() for m in contest.METHODS}
-        for name, found in cases.items()
+        for name, found in groups(runs).items()
     }
+
+
+def summary_table(runs: pd.DataFrame) -> pd.DataFrame:
+    """Per method and group: mean (largest) error of the masses, and 1000 likelihood calls."""
+    columns = {}
+    for name, found in groups(runs).items():
+        short = name.replace("landmark, ", "")
+        by_method = found.groupby("method")
+        errors, calls = by_method["mass_error"], by_method["calls"].mean() / 1000
+        cells = [f"{t(errors.mean()[m])} ({t(errors.max()[m])})" for m in contest.METHODS]
+        columns[short] = cells
+        columns[f"calls, {short}"] = [f"{calls[m]:.0f}" for m in contest.METHODS]
+    return pd.DataFrame({"method": contest.METHODS, **columns})
 
 
 def detection_rows(
