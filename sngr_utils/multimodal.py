@@ -48,7 +48,7 @@ class Config(Scenario):
     gap_limit : the mirror test fires if the gap is below this, [nats]; 3 is an image of 5 % mass
     tau : threshold of the paper's score
     n_live_landmark, n_live_window : live points
-    n_particles : of each of ten filters
+    n_particles : of each of ten filters, more where their evidences do not agree
     jobs : processes; results do not depend on it
     """
 
@@ -64,7 +64,7 @@ class Config(Scenario):
     gap_limit: Positive = 3.0
     tau: Positive = 3.96
     n_live_landmark: Annotated[int, Field(ge=20)] = 600
-    n_live_window: Annotated[int, Field(ge=20)] = 400
+    n_live_window: Annotated[int, Field(ge=20)] = 500
     n_particles: Annotated[int, Field(ge=100)] = 6_000
     jobs: Annotated[int, Field(ge=1)] = 2
 
