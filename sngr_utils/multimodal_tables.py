@@ -172,6 +172,7 @@ def record(
         to.value(
             f"{here}.within", (errors <= multimodal.MASS_TARGET).sum(), ".0f", n=len(rows), within=3
         )
+        to.value(f"{here}.runs", len(rows), ".0f")
         calls = rows["calls"].mean() / 1000
         to.value(f"{here}.calls", calls, ".0f", n=len(rows), within=0.3 * calls)
 
