@@ -13,7 +13,7 @@ NOTEBOOKS := $(sort $(notdir $(basename $(wildcard notebooks/*.ipynb))))
 PY := .venv/bin/python
 RUN := $(PY) -m sngr_utils.run
 # Once for all notebooks and tests that follow; seconds if it has been done.
-COMPILE := $(PY) -m sngr_utils.engines
+COMPILE := $(PY) -m sngr_utils.warm_up
 
 # The environment is private: nothing of the user's Python, Jupyter or Matplotlib set-up counts.
 unexport PYTHONPATH PYTHONHOME PYTHONOPTIMIZE JUPYTER_PATH VIRTUAL_ENV MPLBACKEND CDPATH BASH_ENV

@@ -37,21 +37,39 @@ what stands above it in this list:
 `refined_sweep`   the algorithm, as printed and corrected, over many worlds
 `sweeps`          many worlds: tidy tables, means with errors, paired differences, NEES variants
 `robust`          batch estimates under robust losses, GNC, and with the true associations
+`association`     which landmark a range came from: posterior, mutual exclusion, EM
+`switchable`      a switch variable on every range
+`mixtures`        max-mixtures: null hypothesis, or all landmarks
+`crossings`       where ranges from several places may put a landmark, compiled
+`particles`       the loops of FastSLAM, compiled
+`fastslam`        Rao-Blackwellised particle filter with associations in doubt
+`estimators`      all peers behind one call, and compared on the same worlds
+`leverage`        do a window's ranges fit? a chi-square that knows their leverage
+`detectors`       scores of windows: what may tell that an estimate has failed
+`calibration`     thresholds with a controlled rate of false alarms
+`clustered`       how well scores rank or decide, drawing whole worlds
+`detection_study` what every detector says of every window, and the truth beside it
+`detection_summary` the same summed up: ranking, decisions, false alarms
 `plots`           ``draw_*(ax, data)``
+`peer_plots`      those of notebook 07
 `report`          results -> JSON -> LaTeX values and tables
-`multimodal_plots`  ``draw_*(ax, data)`` of notebook 09
+`trigger_tables`  the tables of notebook 06
+`trigger_plots`   its figures
+`multimodal_plots` those of notebook 09
 `bench`           the engines side by side, and the growth with the length of the trajectory
 `printed`         the paper's numbers with the digits it prints
 `contradictions`  where those numbers contradict each other
 `rules`           how a verdict follows from a printed value and ours
 `parameters`      reads ``params/*.yaml`` and checks every value
 `bimodal` ...     one driver per notebook: `bimodal`, `trigger_sweep`, `full_sngr`, `cost`,
-                  `audit`, `multimodal`
+                  `audit`, `triggers`, `peers`, `multimodal`
 `audit_tables`    the tables of notebook 05
-`multimodal_tables`  those of notebook 09
+`peer_tables`     those of notebook 07
+`multimodal_tables` those of notebook 09
 `claims`          what the paper claims, from ``paper/claims.yaml``
 `verdicts`        a verdict on every claim
 `verdict_tables`  the verdicts in LaTeX and in the README
+`warm_up`         compiles everything once, before notebooks run side by side
 `run`             runs the notebooks headless (used by the Makefile)
 `verify`          re-runs everything and compares it with the committed reference
 ================  =====================================================================

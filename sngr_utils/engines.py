@@ -5,12 +5,11 @@ dynesty is the reference; the others are tested against it, and against GTSAM's 
 
 from collections.abc import Sequence
 
-import gtsam
 import joblib
 import numpy as np
 from pydantic import field_validator
 
-from sngr_utils import chain, compiled, compiled_nested, contest, importance, mirror
+from sngr_utils import compiled, compiled_nested, importance
 from sngr_utils.compiled_walk import CompiledWalk
 from sngr_utils.nested import (
     LocalLikelihood,
@@ -152,28 +151,6 @@ def _fast(
     )  # fmt: skip
 
 
-def compile_all() -> None:
-    """Compile every engine, or load what an earlier run has compiled.
-
-    So that notebooks that run at the same time do not each compile the same code.
-    """
-    factors = compiled.flatten(gtsam.NonlinearFactorGraph(), gtsam.Values(), [], 1.0)._replace(
-        points=np.zeros((1, 2)), counts=np.array([0, 1, 0, 0, 1, 0, 0]),
-        of=np.zeros((1, 2), dtype=np.uint64), measured=np.array([[0.0] * 5 + [1.0, 1.0, 0.0]]),
-    )  # fmt: skip
-    settings = SamplerSettings(n_live=20)
-    for engine in ("dynesty-compiled", "nested", "fast"):
-        sample_factors(factors, np.eye(2), settings, engine, rng=np.random.default_rng(0))
-    compiled.log_likelihoods(factors, np.zeros((1, 2)))
-    chain.selected_inverse(
-        np.zeros((3, 3)), np.zeros((1, 2)), np.zeros((2, 3)), np.zeros(1, int), np.zeros(1, int),
-        x0_mean=np.zeros(3), x0_sigmas=np.ones(3), odometry_sigmas=np.ones(3),
-        landmark_prior_sigma=1.0, range_sigma=1.0,
-    )  # fmt: skip
-    mirror.mirror_test(np.zeros((1, 2)), np.ones(1), np.ones(1), np.ones(2))
-    contest.compile_all()
-
-
 def sample_windows(
     likelihoods: Sequence[LocalLikelihood],
     covariances: Sequence[np.ndarray],
@@ -197,7 +174,3 @@ def sample_windows(
         joblib.delayed(sample_window)(likelihood, covariance, settings, engine, rng=rng)
         for likelihood, covariance, rng in zip(likelihoods, covariances, rngs, strict=True)
     )
-
-
-if __name__ == "__main__":
-    compile_all()

@@ -61,17 +61,17 @@ def conventions(preset: str, overrides: dict | None = None) -> Conventions:
 
 @dataclass(frozen=True)
 class Solution:
-    """The MAP estimate of iSAM2 and the graph it solves.
+    """An estimate and the graph it solves.
 
     Attributes
     ----------
-    isam : the iSAM2 object after the last update
+    isam : the iSAM2 object after the last update; None for a batch estimate
     graph : all factors, in the order they were added
     estimate : MAP values of all variables
     n_poses, n_landmarks : T and K of the world; a landmark may be absent from `estimate`
     """
 
-    isam: gtsam.ISAM2
+    isam: gtsam.ISAM2 | None
     graph: gtsam.NonlinearFactorGraph
     estimate: gtsam.Values
     n_poses: int
@@ -85,11 +85,7 @@ class Solution:
     @property
     def landmarks(self) -> np.ndarray:
         """(K, 2), [m]; NaN where a landmark was never started"""
-        rows = [
-            self.estimate.atPoint2(L(k)) if self.estimate.exists(L(k)) else (np.nan, np.nan)
-            for k in range(self.n_landmarks)
-        ]
-        return np.array(rows)
+        return landmarks_of(self.estimate, self.n_landmarks)
 
 
 def pose_vector(pose: gtsam.Pose2) -> np.ndarray:
@@ -100,6 +96,15 @@ def pose_vector(pose: gtsam.Pose2) -> np.ndarray:
 def poses_of(values: gtsam.Values, n_poses: int) -> np.ndarray:
     """(T, 3) poses X(0) ... X(T-1) of `values`, [m, m, rad]"""
     return np.array([pose_vector(values.atPose2(X(t))) for t in range(n_poses)])
+
+
+def landmarks_of(values: gtsam.Values, n_landmarks: int) -> np.ndarray:
+    """(K, 2) landmarks L(0) ... L(K-1) of `values`, [m]; NaN where one is absent"""
+    rows = [
+        values.atPoint2(L(k)) if values.exists(L(k)) else (np.nan, np.nan)
+        for k in range(n_landmarks)
+    ]
+    return np.array(rows)
 
 
 def pose_prior(pose: np.ndarray, sigmas: list[float]) -> gtsam.PriorFactorPose2:

@@ -249,10 +249,6 @@ def test_trace_is_sorted_and_weights_sum_to_one():
     assert np.allclose(compiled.log_likelihoods(factors, trace.samples), trace.log_likelihoods)
 
 
-def test_everything_compiles_beforehand():
-    engines.compile_all()
-
-
 @pytest.mark.parametrize("engine", COMPILED)
 def test_the_full_pipeline_takes_every_engine(engine):
     """Gains of settled windows agree with the reference engine's to the noise of a mean."""

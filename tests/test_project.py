@@ -22,13 +22,18 @@ ORDER = [
     "window_target", "landmark_target", "many_starts", "brute_force", "ancestral", "contest",
     "posterior", "engines", "refine", "baseline", "corrected",
     "window_audit", "sampler_audit", "refined_sweep",
-    "sweeps", "robust", "plots", "report", "multimodal_plots", "bench",
-    "printed", "contradictions", "rules",
-    "parameters", "bimodal", "trigger_sweep", "full_sngr", "cost",
-    "audit_tables", "audit", "multimodal", "multimodal_tables",
-    "claims", "verdicts", "verdict_tables", "run", "verify",
+    "sweeps", "robust", "association", "switchable", "mixtures",
+    "crossings", "particles", "fastslam", "estimators",
+    "leverage", "detectors", "calibration", "clustered", "detection_study", "detection_summary",
+    "plots", "peer_plots", "report", "trigger_tables", "trigger_plots", "multimodal_plots", "bench",
+    "printed", "contradictions", "rules", "parameters", "bimodal", "trigger_sweep",
+    "full_sngr", "cost", "triggers", "audit_tables", "audit", "peer_tables", "peers",
+    "multimodal", "multimodal_tables",
+    "claims", "verdicts", "verdict_tables", "warm_up", "run", "verify",
 ]  # fmt: skip
-DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost", "audit", "multimodal"}
+DRIVERS = {
+    "bimodal", "trigger_sweep", "full_sngr", "cost", "audit", "triggers", "peers", "multimodal",
+}  # fmt: skip
 
 
 def test_no_global_random_state():

@@ -1,0 +1,37 @@
+"""Compile everything that is compiled, once, before notebooks and tests run side by side.
+
+``python -m sngr_utils.warm_up``; seconds if an earlier run has done it.
+"""
+
+import gtsam
+import numpy as np
+
+from sngr_utils import compiled, contest, engines, estimators, graph, mirror, world
+from sngr_utils.chain import selected_inverse
+from sngr_utils.nested import SamplerSettings
+
+
+def compile_all() -> None:
+    """Call every compiled function with arguments of the types that it is used with."""
+    factors = compiled.flatten(gtsam.NonlinearFactorGraph(), gtsam.Values(), [], 1.0)._replace(
+        points=np.zeros((1, 2)), counts=np.array([0, 1, 0, 0, 1, 0, 0]),
+        of=np.zeros((1, 2), dtype=np.uint64), measured=np.array([[0.0] * 5 + [1.0, 1.0, 0.0]]),
+    )  # fmt: skip
+    settings = SamplerSettings(n_live=20)
+    for engine in ("dynesty-compiled", "nested", "fast"):
+        engines.sample_factors(factors, np.eye(2), settings, engine, rng=np.random.default_rng(0))
+    compiled.log_likelihoods(factors, np.zeros((1, 2)))
+    selected_inverse(
+        np.zeros((3, 3)), np.zeros((1, 2)), np.zeros((2, 3)), np.zeros(1, int), np.zeros(1, int),
+        x0_mean=np.zeros(3), x0_sigmas=np.ones(3), odometry_sigmas=np.ones(3),
+        landmark_prior_sigma=1.0, range_sigma=1.0,
+    )  # fmt: skip
+    mirror.mirror_test(np.zeros((1, 2)), np.ones(1), np.ones(1), np.ones(2))
+    contest.compile_all()
+    small = world.simulate(world.Scenario(n_poses=12), 0.2, rng=np.random.default_rng(0))
+    for method in ("fastslam", "em_exclusive"):
+        estimators.estimate(small, graph.PRESETS["C"], method, "grid", rng=np.random.default_rng(0))
+
+
+if __name__ == "__main__":
+    compile_all()
