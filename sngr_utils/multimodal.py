@@ -53,7 +53,7 @@ class Config(Scenario):
     """
 
     first_seed: Seed = 100
-    n_seeds: Annotated[int, Field(ge=2)] = 12
+    n_seeds: Annotated[int, Field(ge=2)] = 10
     poses_seen: Counts = [2, 3, 4, 5, 6, 8]
     poses_sampled: Counts = [2, 3, 8]
     n_sampled: Annotated[int, Field(ge=2)] = 4

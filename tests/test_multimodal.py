@@ -19,7 +19,7 @@ QUICK = multimodal.Config(
     [
         ("poses_seen", {"poses_seen": [40]}),
         ("ranges_per_pose", {"ranges_per_pose": [7]}),
-        ("n_sampled", {"n_sampled": 13}),
+        ("n_sampled", {"n_sampled": 11}),
         ("weak", {"weak": 0.0}),
     ],
 )
