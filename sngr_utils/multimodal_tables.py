@@ -66,13 +66,14 @@ def samplers_table(runs: pd.DataFrame, case: str) -> pd.DataFrame:
 
 
 def groups(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """The runs on landmarks that few poses saw, that more did, and on windows."""
+    """The runs on landmarks that few poses saw, that more did, and on windows; none empty."""
     landmark, few = runs["case"] == "landmark", runs["size"] <= FEW
-    return {
-        "landmark, few poses": runs[landmark & few],
-        "landmark, more poses": runs[landmark & ~few],
-        "window": runs[runs["case"] == "window"],
+    kinds = {
+        "landmark, few poses": landmark & few,
+        "landmark, more poses": landmark & ~few,
+        "window": runs["case"] == "window",
     }
+    return {name: runs[kind] for name, kind in kinds.items() if kind.any()}
 
 
 def mass_errors(runs: pd.DataFrame) -> dict[str, dict[str, np.ndarray]]:
