@@ -18,6 +18,7 @@ from sngr_utils.window_target import Window
 METHODS = ("one Gaussian", "c = 1", "c = 50", "ancestral", "many starts")
 SCALES = {"c = 1": 1.0, "c = 50": 50.0}  # of the Gaussian priors, the paper's
 PLANE_WALKS, WINDOW_WALKS = 25, 50  # steps; shorter walks bias the evidence
+EVIDENCE_ERROR = 0.1  # nats, largest of a reference
 N_STARTS, PLANE_DRAWS, WINDOW_DRAWS = 32, 4_000, 20_000
 
 
@@ -59,10 +60,17 @@ def _runs(target, modes, priors, settings, draws, rng) -> dict[str, NestedRun]:
 def window_truth(
     target: Window, n_particles: int, *, rng: np.random.Generator
 ) -> tuple[brute_force.Reference, Modes]:
-    """A window's reference and its modes, from starts drawn from prior and posterior alike."""
+    """A window's reference and its modes, from starts drawn from prior and posterior alike.
+
+    Four times as many particles, and again, where the evidence is not known to `EVIDENCE_ERROR`.
+    """
     reference = brute_force.window_reference(target, n_particles, rng=rng)
-    drawn = reference.points[rng.choice(len(reference.points), N_STARTS, p=reference.weights)]
-    starts = np.concatenate([ancestral.tree(target).draw(N_STARTS, rng=rng), drawn])
+    for more in (4, 16):
+        if reference.log_evidence_error > EVIDENCE_ERROR:
+            reference = brute_force.window_reference(target, more * n_particles, rng=rng)
+    half = N_STARTS // 2
+    drawn = reference.points[rng.choice(len(reference.points), half, p=reference.weights)]
+    starts = np.concatenate([ancestral.tree(target).draw(half, rng=rng), drawn])
     return reference, many_starts.find_modes(target, starts)
 
 

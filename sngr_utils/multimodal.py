@@ -48,13 +48,13 @@ class Config(Scenario):
     gap_limit : the mirror test fires if the gap is below this, [nats]; 3 is an image of 5 % mass
     tau : threshold of the paper's score
     n_live_landmark, n_live_window : live points
-    n_particles : of each of ten filters
+    n_particles : of each of ten filters, more where their evidences do not agree
     jobs : processes; results do not depend on it
     """
 
     first_seed: Seed = 100
-    n_seeds: Annotated[int, Field(ge=2)] = 12
-    poses_seen: Counts = [2, 3, 4, 5, 6, 7, 8]
+    n_seeds: Annotated[int, Field(ge=2)] = 10
+    poses_seen: Counts = [2, 3, 4, 5, 6, 8]
     poses_sampled: Counts = [2, 3, 8]
     n_sampled: Annotated[int, Field(ge=2)] = 4
     p: Probability = 0.4
@@ -63,7 +63,7 @@ class Config(Scenario):
     kl_limit: Positive = 1.0
     gap_limit: Positive = 3.0
     tau: Positive = 3.96
-    n_live_landmark: Annotated[int, Field(ge=20)] = 800
+    n_live_landmark: Annotated[int, Field(ge=20)] = 600
     n_live_window: Annotated[int, Field(ge=20)] = 500
     n_particles: Annotated[int, Field(ge=100)] = 6_000
     jobs: Annotated[int, Field(ge=1)] = 2

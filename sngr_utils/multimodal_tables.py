@@ -65,17 +65,36 @@ def samplers_table(runs: pd.DataFrame, case: str) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=heads)
 
 
-def mass_errors(runs: pd.DataFrame) -> dict[str, dict[str, np.ndarray]]:
-    """Case and size -> method -> (n,) errors of the masses, for the figure."""
-    cases = {
-        "landmark, few poses": runs[(runs["case"] == "landmark") & (runs["size"] <= FEW)],
-        "landmark, more poses": runs[(runs["case"] == "landmark") & (runs["size"] > FEW)],
-        "window": runs[runs["case"] == "window"],
+def groups(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """The runs on landmarks that few poses saw, that more did, and on windows; none empty."""
+    landmark, few = runs["case"] == "landmark", runs["size"] <= FEW
+    kinds = {
+        "landmark, few poses": landmark & few,
+        "landmark, more poses": landmark & ~few,
+        "window": runs["case"] == "window",
     }
+    return {name: runs[kind] for name, kind in kinds.items() if kind.any()}
+
+
+def mass_errors(runs: pd.DataFrame) -> dict[str, dict[str, np.ndarray]]:
+    """Group -> method -> (n,) errors of the masses, for the figure."""
     return {
         name: {m: found.loc[found["method"] == m, "mass_error"].to_numpy() for m in contest.METHODS}
-        for name, found in cases.items()
+        for name, found in groups(runs).items()
     }
+
+
+def summary_table(runs: pd.DataFrame) -> pd.DataFrame:
+    """Per method and group: mean (largest) error of the masses, and 1000 likelihood calls."""
+    columns = {}
+    for name, found in groups(runs).items():
+        short = name.replace("landmark, ", "")
+        by_method = found.groupby("method")
+        errors, calls = by_method["mass_error"], by_method["calls"].mean() / 1000
+        cells = [f"{t(errors.mean()[m])} ({t(errors.max()[m])})" for m in contest.METHODS]
+        columns[short] = cells
+        columns[f"calls, {short}"] = [f"{calls[m]:.0f}" for m in contest.METHODS]
+    return pd.DataFrame({"method": contest.METHODS, **columns})
 
 
 def detection_rows(
@@ -154,6 +173,7 @@ def record(
         to.value(
             f"{here}.within", (errors <= multimodal.MASS_TARGET).sum(), ".0f", n=len(rows), within=3
         )
+        to.value(f"{here}.runs", len(rows), ".0f")
         calls = rows["calls"].mean() / 1000
         to.value(f"{here}.calls", calls, ".0f", n=len(rows), within=0.3 * calls)
 

@@ -19,7 +19,7 @@ QUICK = multimodal.Config(
     [
         ("poses_seen", {"poses_seen": [40]}),
         ("ranges_per_pose", {"ranges_per_pose": [7]}),
-        ("n_sampled", {"n_sampled": 13}),
+        ("n_sampled", {"n_sampled": 11}),
         ("weak", {"weak": 0.0}),
     ],
 )
@@ -76,6 +76,8 @@ def test_every_case_is_counted_once_and_every_method_judged(landmarks):
     for case in ("landmark", "window", "two anchors, from the saddle"):
         assert set(runs.loc[runs["case"] == case, "method"]) == set(contest.METHODS)
     assert runs["mass_error"].between(0, 1).all()
+    assert list(tables.summary_table(runs)["method"]) == list(contest.METHODS)
+    assert set(tables.mass_errors(runs)) == {"landmark, few poses", "window"}
     narrow = runs.query("case == 'two anchors, from the mode' and method == 'c = 1'")
     assert (narrow["mass_error"] > 0.45).all()
     anchors = runs.query("case == 'two anchors, from the saddle'")
