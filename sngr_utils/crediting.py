@@ -15,7 +15,7 @@ from sngr_utils.world import World
 
 GATE = stats.chi2.ppf(0.99, 1)  # squared normalised innovation that puts a range in question
 IMPOSSIBLE = stats.chi2.ppf(1 - 1e-6, 1)  # and one that no right range has
-NOTHING = 100.0  # and one from which on it makes no difference: a range that fits nowhere
+VAGUE = 0.5  # m, sigma of a prediction above which it cannot tell landmarks apart
 RESOLVED = 0.6  # posterior above which a range is credited to a landmark
 DROPPED = -1  # the label of a range that is credited to none
 
@@ -107,8 +107,9 @@ def decide(
     """
     squared, n_landmarks = found.squared, data.n_landmarks
     rows = np.arange(len(data.ranges))
+    sharp = found.variances < VAGUE**2
     with np.errstate(invalid="ignore"):
-        sure = squared[rows, data.label_of] < GATE
+        sure = (squared < GATE)[rows, data.label_of] & sharp[rows, data.label_of]
     doubtful = ~sure | (credit.used != data.label_of)
     used = np.where(sure, data.label_of, DROPPED)
     weights = np.zeros((len(rows), n_landmarks + 1))
@@ -122,7 +123,8 @@ def decide(
         best = np.argmax(weights[scan], axis=1)
         known = best < n_landmarks
         place = np.where(known, best, 0)
-        good = known & (weights[scan, best] > RESOLVED) & (squared[scan, place] < IMPOSSIBLE)
+        good = known & (weights[scan, best] > RESOLVED) & sharp[scan, place]
+        good &= squared[scan, place] < IMPOSSIBLE
         if not swap:
             good &= best == data.label_of[scan]
         used[scan] = np.where(good, best, DROPPED)
@@ -135,8 +137,7 @@ def log_weights(data: World, found: Innovations, p: float) -> np.ndarray:
     Those may be the source of a range too; it is then uniform up to the longest range seen.
     """
     prior = association.log_prior(data.label_of, data.n_landmarks, p)
-    squared = np.minimum(found.squared, NOTHING)
-    gaussian = -0.5 * (squared + np.log(2 * np.pi * found.variances))
+    gaussian = -0.5 * (found.squared + np.log(2 * np.pi * found.variances))
     absent = np.isnan(found.variances[0])
     logs = np.full((len(prior), data.n_landmarks + 1), -np.inf)
     logs[:, :-1][:, ~absent] = (prior + gaussian)[:, ~absent]

@@ -15,6 +15,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
 from pydantic import Field
+from scipy import stats
 
 from sngr_utils import association, chain, crediting, graph, place
 from sngr_utils.crediting import DROPPED, Credit
@@ -28,6 +29,7 @@ LIKELY = 0.2  # probability that makes a range a witness of a landmark that wait
 P_PRIOR = (2.0, 8.0)  # wrong and right labels that count as seen before the first
 SWEEPS = 3  # at most, per step
 SLIP_SIGMA = 1.0  # m, of a step that is no longer trusted
+STEP_LIMIT = stats.chi2.ppf(1 - 1e-4, 3)  # squared normalised error of a step that slipped
 SLIP_ODDS = np.log(100.0)  # nats that a slip must gain: one step in a hundred slips
 
 
@@ -141,8 +143,10 @@ class Estimator:
             for _ in range(SWEEPS):
                 if not self._credit():
                     break
+            if self.settings.doubt_odometry:
+                self._doubt_steps()
             self._drop_landmarks()
-        if self.settings.restart_every and t and t % self.settings.restart_every == 0:
+        if self.settings.restart_every and t and (t % self.settings.restart_every == 0 or self._troubled(t)):
             self._restart()
 
     # --- the new pose -----------------------------------------------------------------------
@@ -160,8 +164,10 @@ class Estimator:
             newest = dead_reckoning(self.poses[-1], data.odometry[t - 1 :])[-1]
             self.poses = np.vstack([self.poses, newest])
             if self.settings.doubt_odometry:
-                self._doubt_odometry(t)
+                self._find_robot(t)
             added = {("odometry", t - 1): self._odometry(t - 1)}
+            scan = np.flatnonzero((data.pose_of == t) & (self.used != DROPPED))
+            added |= {("range", m): self._range(m, self.used[m]) for m in scan}
         start = gtsam.Values()
         start.insert(X(t), gtsam.Pose2(*self.poses[-1]))
         self._update(added, start=start)
@@ -172,33 +178,51 @@ class Estimator:
             scenario = scenario.model_copy(update={"odometry_sigma_xy": SLIP_SIGMA})
         return graph.odometry_factor(t, self.data.odometry[t], scenario)
 
-    def _doubt_odometry(self, t: int) -> None:
-        """Ask where the robot is, if its scan says that it is not where the odometry says."""
+    def _find_robot(self, t: int) -> None:
+        """Ask where the robot is, if that is open or its scan contradicts the odometry."""
         data = self.data
         scan = np.flatnonzero((data.pose_of == t) & np.isfinite(self.landmarks[data.label_of, 0]))
         if len(scan) < 3 or t < 2:
             return
-        labels = data.label_of[scan]
-        found = self.innovations()
-        fit = found.squared[scan, labels] < crediting.GATE
-        if fit.sum() > 1:
-            return
-        covariance = self.covariance()
-        own = [covariance.landmarks[2 * k, 2 * k] + covariance.landmarks[2 * k + 1, 2 * k + 1]
-               for k in labels]  # fmt: skip
+        labels, covariance = data.label_of[scan], self.covariance()
+        found = crediting.innovations(data, self.poses, self.landmarks, self.used, covariance)
         sigma = np.sqrt(np.trace(covariance.poses[-1][:2, :2]) / 2)
-        tight = place.Evidence(
-            self.landmarks[labels], data.ranges[scan],
-            data.scenario.range_sigma**2 + np.array(own) / 2,
-            np.full(len(scan), self.p), data.ranges.max(), self.poses[-1, :2], sigma,
+        lost = sigma > crediting.VAGUE
+        if not lost and np.mean(found.squared[scan, labels] < crediting.GATE) >= 0.5:
+            return
+        present = np.flatnonzero(np.isfinite(self.landmarks[:, 0]))
+        m, k = (grid.ravel() for grid in np.meshgrid(scan, present, indexing="ij"))
+        prior = np.exp(association.log_prior(data.label_of, data.n_landmarks, self.p))[m, k]
+        own = np.diag(covariance.landmarks).reshape(-1, 2).mean(axis=1)[k]
+        evidence = place.Evidence(
+            self.landmarks[k], data.ranges[m], own + data.scenario.range_sigma**2,
+            1 - prior, data.ranges.max(), self.poses[-1, :2], sigma if lost else SLIP_SIGMA,
         )  # fmt: skip
-        wide = replace(tight, sigma=SLIP_SIGMA)
-        clouds = [place.sample(evidence, rng=self.rng) for evidence in (tight, wide)]
+        cloud = place.sample(evidence, rng=self.rng)
         self.counts["position checks"] += 1
-        if clouds[1].log_evidence - clouds[0].log_evidence > SLIP_ODDS:
+        if not lost:
+            right = np.exp(-0.5 * found.squared[m, k]) / np.sqrt(2 * np.pi * found.variances[m, k])
+            expected = np.log(prior * right + (1 - prior) / data.ranges.max()).sum()
+            if cloud.log_evidence - expected < SLIP_ODDS:
+                return
             self.counts["slips"] += 1
             self.slipped.add(t - 1)
-            self.poses[-1, :2] = place.modes(clouds[1], wide)[0].mean
+        mode = place.modes(cloud, evidence)[0]
+        if mode.mass > ENOUGH_MASS:
+            self.poses[-1, :2] = mode.mean
+            self._credit_fitting(m, k, mode, evidence)
+
+    def _credit_fitting(self, ranges, landmarks, mode: place.Mode, evidence) -> None:
+        """Credit those ranges of an evidence that fit its mode, one per pose and landmark."""
+        offsets = mode.mean - evidence.anchors
+        distances = np.linalg.norm(offsets, axis=1)
+        units = offsets / distances[:, None]
+        variances = evidence.variances + np.sum(units @ mode.covariance * units, axis=1)
+        fit = (distances - evidence.ranges) ** 2 / variances < crediting.GATE
+        pairs = np.column_stack([self.data.pose_of[ranges], landmarks])
+        _, first = np.unique(pairs[fit], axis=0, return_index=True)
+        self.used = self.used.copy()
+        self.used[ranges[fit][first]] = landmarks[fit][first]
 
     # --- associations -----------------------------------------------------------------------
 
@@ -260,6 +284,16 @@ class Estimator:
         self.poses = self.smoother.poses(self.data.n_poses)
         self.landmarks = self.smoother.landmarks(self.data.n_landmarks)
 
+    def _doubt_steps(self) -> None:
+        """Trust no longer the steps of the odometry that the estimate contradicts."""
+        factors = {t: self._odometry(t) for t in range(self.data.n_poses - 1)}
+        worst = {t: f for t, f in factors.items()
+                 if t not in self.slipped and 2 * f.error(self.smoother.values) > STEP_LIMIT}
+        if worst:
+            self.slipped |= set(worst)
+            self.counts["slips"] += len(worst)
+            self._update({("odometry", t): self._odometry(t) for t in worst})
+
     # --- landmarks --------------------------------------------------------------------------
 
     def _start_landmarks(self) -> None:
@@ -309,18 +343,10 @@ class Estimator:
         self, k: int, mode: place.Mode, mine: np.ndarray, evidence: place.Evidence
     ) -> None:
         """Landmark k into the graph, with those of its witnesses that fit."""
-        offsets = mode.mean - evidence.anchors
-        distances = np.linalg.norm(offsets, axis=1)
-        units = offsets / distances[:, None]
-        variances = evidence.variances + np.sum(units @ mode.covariance * units, axis=1)
-        fit = (distances - evidence.ranges) ** 2 / variances < crediting.GATE
-        scans = self.data.pose_of[mine]
-        _, first = np.unique(scans[fit], return_index=True)  # one of each scan
-        self.used = self.used.copy()
-        self.used[mine[fit][first]] = k
+        self._credit_fitting(mine, np.full(len(mine), k), mode, evidence)
         sigma = self.conventions.landmark_prior_sigma
         added = {("landmark", k): graph.landmark_prior(k, mode.mean, sigma)}
-        added |= {("range", m): self._range(m, k) for m in mine[fit][first]}
+        added |= {("range", m): self._range(m, k) for m in np.flatnonzero(self.used == k)}
         start = gtsam.Values()
         start.insert(L(k), mode.mean)
         self._update(added, start=start)
@@ -339,10 +365,17 @@ class Estimator:
 
     # --- the whole --------------------------------------------------------------------------
 
+    def _troubled(self, t: int) -> bool:
+        """Has the newest scan lost half of its ranges, or its step of the odometry?"""
+        newest = self.used[self.data.pose_of == t]
+        known = np.isfinite(self.landmarks).all()
+        return t - 1 in self.slipped or (known and np.mean(newest == DROPPED) >= 0.5)
+
     def _restart(self) -> None:
         """EM over all data so far; adopted if it explains them better."""
         found = association.fit(
-            self.data, self.conventions, (self.poses, self.landmarks), self.settings.exclusive
+            self.data, self.conventions, (self.poses, self.landmarks), self.settings.exclusive,
+            sure=self.smoother.factors("x0", "odometry", "landmark"),
         )
         self.counts["batch checks"] += 1
         if self._cost(found.poses, found.landmarks) < self._cost(self.poses, self.landmarks) - 1:
