@@ -290,6 +290,8 @@ def energy(factors, xi, poses, points, limit):
         total += x * x + y * y
     end += factors.counts[4]
     for f in range(end, end + factors.counts[5]):
+        if total > enough:
+            break
         e = range_residual(points, points, of, measured, f)
         total += e * e
     for f in range(end + factors.counts[5], len(of)):

@@ -23,6 +23,7 @@ from sngr_utils.smoother import Smoother
 from sngr_utils.world import Checked, Probability, World, dead_reckoning
 
 ENOUGH_MASS = 0.9  # of one mode, for a landmark to start
+POSES_NEEDED = 4  # for a landmark to start: three of a short arc leave its mirror image
 FEWEST_USED = 0.5  # share of the expected uses of its label below which a landmark starts anew
 YOUNG = 6  # labels a landmark must have had before that is judged
 LIKELY = 0.2  # probability that makes a range a witness of a landmark that waits
@@ -126,6 +127,7 @@ class Estimator:
         self.counts: Counter = Counter()
         self.smoother = Smoother()
         self.clouds: dict[int, place.Posterior] = {}  # of the landmarks that wait
+        self.tried: dict[int, np.ndarray] = {}  # and the ranges they were sampled from
         self.slipped: set[int] = set()  # steps of the odometry that are not trusted
         self.poses = np.zeros((0, 3))
         self.used = np.zeros(0, dtype=int)
@@ -298,11 +300,13 @@ class Estimator:
 
     def _start_landmarks(self) -> None:
         """Start every landmark that waits and whose posterior has become one mode."""
-        self.clouds = {}
         for k in np.flatnonzero(np.isnan(self.landmarks[:, 0])):
             mine, chances = self._witnesses(k)
-            if len(np.unique(self.data.pose_of[mine])) < graph.START_AFTER:
+            if len(np.unique(self.data.pose_of[mine])) < POSES_NEEDED:
                 continue
+            if np.array_equal(mine, self.tried.get(k)):
+                continue
+            self.tried[k] = mine
             evidence = self._evidence(mine, chances)
             mode = self._locate(k, evidence)
             if mode is not None:
@@ -343,6 +347,7 @@ class Estimator:
         self, k: int, mode: place.Mode, mine: np.ndarray, evidence: place.Evidence
     ) -> None:
         """Landmark k into the graph, with those of its witnesses that fit."""
+        self.clouds.pop(k, None)
         self._credit_fitting(mine, np.full(len(mine), k), mode, evidence)
         sigma = self.conventions.landmark_prior_sigma
         added = {("landmark", k): graph.landmark_prior(k, mode.mean, sigma)}

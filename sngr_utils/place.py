@@ -14,7 +14,7 @@ from scipy import stats
 
 from sngr_utils import compiled, compiled_nested
 
-N_LIVE, WALKS, DLOGZ = 200, 30, 0.1  # of the nested sampler, in two dimensions
+N_LIVE, WALKS, DLOGZ = 200, 20, 0.1  # of the nested sampler, in two dimensions
 GRID_CELLS = 400  # per axis
 GRID_REACH = 1.5  # the grid ends at so many sigmas of the prior
 MAX_MODES = 4  # what is beyond them is left without a mode
