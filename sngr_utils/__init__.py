@@ -31,6 +31,12 @@ what stands above it in this list:
 `sweeps`          many worlds: tidy tables, means with errors, paired differences, NEES variants
 `robust`          batch estimates under robust losses, GNC, and with the true associations
 `association`     which landmark a range came from: posterior, mutual exclusion, EM
+`switchable`      a switch variable on every range
+`mixtures`        max-mixtures: null hypothesis, or all landmarks
+`crossings`       where ranges from several places may put a landmark, compiled
+`particles`       the loops of FastSLAM, compiled
+`fastslam`        Rao-Blackwellised particle filter with associations in doubt
+`estimators`      all peers behind one call, and compared on the same worlds
 `plots`           ``draw_*(ax, data)``
 `report`          results -> JSON -> LaTeX values and tables
 `bench`           the engines side by side, and the growth with the length of the trajectory

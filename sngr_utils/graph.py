@@ -61,17 +61,17 @@ def conventions(preset: str, overrides: dict | None = None) -> Conventions:
 
 @dataclass(frozen=True)
 class Solution:
-    """The MAP estimate of iSAM2 and the graph it solves.
+    """An estimate and the graph it solves.
 
     Attributes
     ----------
-    isam : the iSAM2 object after the last update
+    isam : the iSAM2 object after the last update; None for a batch estimate
     graph : all factors, in the order they were added
     estimate : MAP values of all variables
     n_poses, n_landmarks : T and K of the world; a landmark may be absent from `estimate`
     """
 
-    isam: gtsam.ISAM2
+    isam: gtsam.ISAM2 | None
     graph: gtsam.NonlinearFactorGraph
     estimate: gtsam.Values
     n_poses: int

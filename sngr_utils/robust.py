@@ -6,16 +6,16 @@ prior, the odometry and the weak landmark priors stay quadratic. Tuning constant
 the literature for residuals of unit variance, never fitted to these worlds.
 """
 
-from collections.abc import Sequence
+import math
 from dataclasses import replace
 
 import gtsam
-import joblib
 import numpy as np
-import pandas as pd
 from gtsam.symbol_shorthand import L, X
+from scipy import stats
 
-from sngr_utils import graph, metrics, world
+from sngr_utils import graph, world
+from sngr_utils.jit import compile_once
 
 # rho(r) of a whitened range residual r, and where its constant comes from
 METHODS = {
@@ -26,13 +26,16 @@ METHODS = {
     "geman_mcclure": "c = 1 (Geman & McClure 1985; Zhang 1997)",
     "gnc_tls": "truncated at the 99 % quantile of chi-square, 1 degree of freedom, reached by "
     "graduated non-convexity (Yang et al., RA-L 2020)",
+    "gnc_gm": "Geman-McClure with c^2 at that quantile, reached likewise (Yang et al., RA-L 2020)",
     "oracle": "r^2 / 2 with every range attached to the landmark it came from",
 }
 STARTS = {
     "first_poses": "least squares on the ranges of a landmark's first three dead-reckoned poses",
     "grid": "the best cell of a grid, by all ranges of a landmark, any of which may be wrong",
 }
-HUBER_K, CAUCHY_K, DCS_PHI, GEMAN_MCCLURE_C, INLIER_QUANTILE = 1.345, 2.3849, 1.0, 1.0, 0.99
+HUBER_K, CAUCHY_K, DCS_PHI, GEMAN_MCCLURE_C = 1.345, 2.3849, 1.0, 1.0
+INLIER_QUANTILE = 0.99
+GNC_SQUARED = stats.chi2.ppf(INLIER_QUANTILE, 1)  # threshold on r^2, and Geman and McClure's c^2
 
 Estimate = tuple[np.ndarray, np.ndarray]  # poses (T, 3) and landmarks (K, 2)
 
@@ -69,68 +72,38 @@ def estimate(
         the_world = replace(the_world, label_of=the_world.source_of)
     poses = world.dead_reckoning(the_world.x0_mean, the_world.odometry)
     landmarks = start_landmarks(the_world, poses, start)
-    return _solve(the_world, conventions, method, (poses, landmarks))
+    solution = solve(the_world, conventions, method, (poses, landmarks))
+    return solution.poses, solution.landmarks
 
 
-def _solve(
+def solve(
     the_world: world.World, conventions: graph.Conventions, method: str, start: Estimate
-) -> Estimate:
-    """The estimate of `method` from poses and landmarks to start from."""
+) -> graph.Solution:
+    """The solution under the loss of `method` from poses and landmarks to start from.
+
+    The ranges of its graph have the noise model that the loss gives them at the estimate, so
+    that its marginals are the inverse of the reweighted Gauss-Newton information.
+    """
     poses, landmarks = start
     sure = sure_factors(the_world, conventions, landmarks)
-    factors = gtsam.NonlinearFactorGraph(sure)
+    factors, values = gtsam.NonlinearFactorGraph(sure), values_of(poses, landmarks)
     factors.push_back(range_factors(the_world, landmarks, method))
-    values = values_of(poses, landmarks)
-    if method == "gnc_tls":
-        result = _graduated(factors, values, known_inliers=range(sure.size()))
+    if method in ("gnc_tls", "gnc_gm"):
+        result, weights = _graduated(factors, values, method, known_inliers=range(sure.size()))
+        factors = reweighted(factors, weights)
     else:
-        # GTSAM's own defaults let lambda underflow to 0, which no factor raises again: a hang
-        params = gtsam.LevenbergMarquardtParams.CeresDefaults()
-        params.setMaxIterations(500)  # to convergence: robust losses are reweighted, slowly
-        params.setRelativeErrorTol(1e-10)
-        params.setAbsoluteErrorTol(1e-10)
-        result = gtsam.LevenbergMarquardtOptimizer(factors, values, params).optimize()
-    return graph.poses_of(result, len(poses)), graph.landmarks_of(result, len(landmarks))
+        result = levenberg_marquardt(factors, values)
+    return graph.Solution(None, factors, result, the_world.n_poses, the_world.n_landmarks)
 
 
-def compare(
-    scenario: world.Scenario,
-    conventions: graph.Conventions,
-    p_levels: Sequence[float],
-    seeds: Sequence[int],
-    jobs: int | None = None,
-) -> pd.DataFrame:
-    """Every method from every start, beside dead reckoning, on the same worlds.
-
-    Returns
-    -------
-    one row per method, start, p and seed: pose_rmse and landmark_rmse, [m]. Dead reckoning has
-    the start "none" and no landmarks.
-    """
-    one = joblib.delayed(_compare_one)
-    tasks = [one(scenario, conventions, p, seed) for p in p_levels for seed in seeds]
-    rows = [row for world_rows in joblib.Parallel(n_jobs=jobs)(tasks) for row in world_rows]
-    columns = ["method", "start", "p", "seed", "pose_rmse", "landmark_rmse"]
-    return pd.DataFrame(rows, columns=columns)
-
-
-def _compare_one(
-    scenario: world.Scenario, conventions: graph.Conventions, p: float, seed: int
-) -> list[tuple]:
-    the_world = world.simulate(scenario, p, rng=np.random.default_rng(seed))
-    blind = world.dead_reckoning(the_world.x0_mean, the_world.odometry)
-    truth = the_world.poses[:, :2]
-    rows = [("dead_reckoning", "none", p, seed, metrics.rmse(blind[:, :2], truth), np.nan)]
-    for start in STARTS:
-        shared = start_landmarks(the_world, blind, start)  # the grid is the slow part
-        for method in METHODS:
-            if method == "oracle":
-                poses, landmarks = estimate(the_world, conventions, method, start)
-            else:
-                poses, landmarks = _solve(the_world, conventions, method, (blind, shared))
-            errors = metrics.rmse(poses[:, :2], truth), metrics.rmse(landmarks, the_world.landmarks)
-            rows.append((method, start, p, seed, *errors))
-    return rows
+def levenberg_marquardt(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Values:
+    """Optimise to convergence; robust losses are reweighted, which is slow."""
+    # GTSAM's own defaults let lambda underflow to 0, which no factor raises again: a hang
+    params = gtsam.LevenbergMarquardtParams.CeresDefaults()
+    params.setMaxIterations(500)
+    params.setRelativeErrorTol(1e-10)
+    params.setAbsoluteErrorTol(1e-10)
+    return gtsam.LevenbergMarquardtOptimizer(factors, values, params).optimize()
 
 
 def sure_factors(
@@ -218,14 +191,30 @@ def best_cell(
     """
     low, high = positions.min(axis=0) - ranges.max(), positions.max(axis=0) + ranges.max()
     axes = np.linspace(low, high, GRID_CELLS)
-    dx, dy = axes.T[:, :, None] - positions.T[:, None]
-    distances = np.hypot(dx[:, None], dy[None])
     # a point of the cell is uniform about its centre: one twelfth of the squared width
     spread = variances + ((high - low) / (GRID_CELLS - 1)).max() ** 2 / 12
-    right = np.exp(-0.5 * (ranges - distances) ** 2 / spread) / np.sqrt(2 * np.pi * spread)
-    either = (1 - GRID_OUTLIER_SHARE) * right + GRID_OUTLIER_SHARE / longest
-    i, j = np.unravel_index(np.argmax(np.log(either).sum(axis=2)), (GRID_CELLS, GRID_CELLS))
+    scores = _cell_scores(axes, positions, ranges, spread, longest)
+    i, j = np.unravel_index(np.argmax(scores), scores.shape)
     return np.array([axes[i, 0], axes[j, 1]])
+
+
+@compile_once
+def _cell_scores(axes, positions, ranges, spread, longest):
+    """(G, G) log-likelihood of N ranges at the cells whose coordinates are the (G, 2) axes."""
+    n, log_outlier = len(axes), math.log(GRID_OUTLIER_SHARE / longest)
+    scores, peak = np.zeros((n, n)), (1 - GRID_OUTLIER_SHARE) / np.sqrt(2 * np.pi * spread)
+    for i in range(n):
+        for j in range(n):
+            for m in range(len(ranges)):
+                dx, dy = axes[i, 0] - positions[m, 0], axes[j, 1] - positions[m, 1]
+                error = ranges[m] - math.sqrt(dx * dx + dy * dy)
+                square = error * error / spread[m]
+                if square > 80:  # a right range adds less than rounding takes
+                    scores[i, j] += log_outlier
+                else:
+                    right = peak[m] * math.exp(-0.5 * square)
+                    scores[i, j] += math.log(right + GRID_OUTLIER_SHARE / longest)
+    return scores
 
 
 def values_of(poses: np.ndarray, landmarks: np.ndarray) -> gtsam.Values:
@@ -239,12 +228,25 @@ def values_of(poses: np.ndarray, landmarks: np.ndarray) -> gtsam.Values:
 
 
 def _graduated(
-    factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, known_inliers: range
-) -> gtsam.Values:
-    """Graduated non-convexity with truncated least squares on all but the known inliers."""
+    factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, method: str, known_inliers: range
+) -> tuple[gtsam.Values, np.ndarray]:
+    """Graduated non-convexity on all but the known inliers; its estimate and (F,) weights."""
+    losses = {"gnc_tls": gtsam.GncLossType.TLS, "gnc_gm": gtsam.GncLossType.GM}
     params = gtsam.GncLMParams(gtsam.LevenbergMarquardtParams())
-    params.setLossType(gtsam.GncLossType.TLS)
+    params.setLossType(losses[method])
     params.setKnownInliers(list(known_inliers))
     optimizer = gtsam.GncLMOptimizer(factors, values, params)
     optimizer.setInlierCostThresholdsAtProbability(INLIER_QUANTILE)
-    return optimizer.optimize()
+    return optimizer.optimize(), optimizer.getWeights()
+
+
+def reweighted(
+    factors: gtsam.NonlinearFactorGraph, weights: np.ndarray
+) -> gtsam.NonlinearFactorGraph:
+    """The factors with their squared errors times (F,) weights; those of weight 0 left out."""
+    kept = gtsam.NonlinearFactorGraph()
+    for i in np.flatnonzero(weights > 0):
+        factor, noise = factors.at(int(i)), factors.at(int(i)).noiseModel()
+        scaled = gtsam.noiseModel.Diagonal.Sigmas(noise.sigmas() / np.sqrt(weights[i]))
+        kept.push_back(factor.cloneWithNewNoiseModel(scaled))
+    return kept

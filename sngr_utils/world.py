@@ -136,6 +136,22 @@ def dead_reckoning_variances(poses: np.ndarray, scenario: Scenario) -> np.ndarra
     return np.arange(len(poses)) * scenario.odometry_sigma_xy**2 + turned
 
 
+def rigid_covariances(poses: np.ndarray, x0_sigmas: list[float]) -> np.ndarray:
+    """(T, 2, 2) covariance of positions that move rigidly with the first pose, [m^2].
+
+    Parameters
+    ----------
+    poses : (T, 3), [m, m, rad]
+    x0_sigmas : (3,) of the first pose in its body frame, [m, m, rad]
+    """
+    cos, sin = np.cos(poses[0, 2]), np.sin(poses[0, 2])
+    by_x0 = np.zeros((len(poses), 2, 3))
+    by_x0[:, :, :2] = [[cos, -sin], [sin, cos]]
+    by_x0[:, 0, 2], by_x0[:, 1, 2] = -(poses - poses[0])[:, 1], (poses - poses[0])[:, 0]
+    scaled = by_x0 * np.asarray(x0_sigmas)
+    return scaled @ scaled.transpose(0, 2, 1)
+
+
 def wrong_associations(
     true_labels: np.ndarray, n_landmarks: int, p: float, *, rng: np.random.Generator
 ) -> np.ndarray:

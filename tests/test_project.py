@@ -21,8 +21,9 @@ ORDER = [
     "nested", "compiled", "compiled_nested", "compiled_walk", "importance", "laplace",
     "posterior", "engines", "refine", "baseline", "corrected",
     "window_audit", "sampler_audit", "refined_sweep",
-    "sweeps", "robust", "association", "plots", "report", "bench", "printed", "contradictions",
-    "rules", "parameters", "bimodal", "trigger_sweep", "full_sngr", "cost",
+    "sweeps", "robust", "association", "switchable", "mixtures",
+    "crossings", "particles", "fastslam", "estimators", "plots", "report", "bench", "printed",
+    "contradictions", "rules", "parameters", "bimodal", "trigger_sweep", "full_sngr", "cost",
     "audit_tables", "audit", "claims", "verdicts", "verdict_tables", "run", "verify",
 ]  # fmt: skip
 DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost", "audit"}

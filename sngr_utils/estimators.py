@@ -1,0 +1,253 @@
+"""All peers behind one call, on identical data: the method is a name, the start another.
+
+Every method is given the same odometry and ranges, the noise levels, and the mean of the x0
+prior. None is given the truth; the oracle alone is given which landmark each range came from.
+"""
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import joblib
+import numpy as np
+import pandas as pd
+
+from sngr_utils import (
+    association,
+    fastslam,
+    graph,
+    metrics,
+    mixtures,
+    robust,
+    sweeps,
+    switchable,
+    world,
+)
+
+STARTS = robust.STARTS
+METHODS = {
+    "dead_reckoning": "odometry alone, no ranges",
+    "isam2": "incremental, as in the paper (Kaess et al., IJRR 2012)",
+    **{name: text for name, text in robust.METHODS.items() if name != "oracle"},
+    "switchable": "a switch variable on every range (Suenderhauf & Protzel, IROS 2012)",
+    "max_mixture_null": "label or null hypothesis (Olson & Agarwal, IJRR 2013)",
+    "max_mixture_all": "the landmark that explains a range best (Olson & Agarwal, IJRR 2013)",
+    "fastslam": "particle filter that draws associations (Montemerlo et al., AAAI 2002)",
+    "em": "soft association: every landmark, by its posterior (Bowman et al., ICRA 2017)",
+    "em_exclusive": "the same, a landmark once in a scan (Bar-Shalom & Fortmann 1988)",
+    "oracle": robust.METHODS["oracle"],
+}
+WITHOUT_START = ("dead_reckoning", "isam2", "fastslam")  # they bring their own, or need none
+REFERENCE_START = "grid"  # of the oracle that ratios are to
+PARTICLES = fastslam.Settings()
+STREAM = 70  # of a method's own random numbers, beside the seed of the world
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a method says about a world.
+
+    Attributes
+    ----------
+    poses : (T, 3), [m, m, rad]
+    landmarks : (K, 2), [m]; NaN where a method has none
+    position_covariances : (T, 2, 2) in the world frame, [m^2]. Robust losses and graduated
+        non-convexity: inverse of the reweighted Gauss-Newton information; mixtures: of the
+        chosen components; switches: integrated out; EM: Louis' (`association`); FastSLAM: the
+        spread of the histories
+    """
+
+    poses: np.ndarray
+    landmarks: np.ndarray
+    position_covariances: np.ndarray
+
+
+def estimate(
+    the_world: world.World,
+    conventions: graph.Conventions,
+    method: str,
+    start: str,
+    particles: fastslam.Settings = PARTICLES,
+    *,
+    rng: np.random.Generator,
+) -> Estimate:
+    """What `method` makes of a world.
+
+    Parameters
+    ----------
+    method : one of `METHODS`
+    start : one of `STARTS`, where the landmarks start and their weak priors are centred; those
+        in `WITHOUT_START` take no notice of it
+    particles : settings of FastSLAM
+    rng : for FastSLAM; the others draw nothing
+
+    Raises
+    ------
+    ValueError : unknown method or start
+    """
+    _require_known([method], [start])
+    ((_, _, given, begin),) = _pairs(the_world, [method], [start])
+    return _from(given, conventions, method, begin, particles, rng)
+
+
+def _require_known(methods: Sequence[str], starts: Sequence[str]) -> None:
+    for name, given, known in (("method", methods, METHODS), ("start", starts, STARTS)):
+        for value in given:
+            if value not in known:
+                raise ValueError(f"{name} is {value!r}: it must be one of {sorted(known)}")
+
+
+def _from(
+    the_world: world.World,
+    conventions: graph.Conventions,
+    method: str,
+    start: robust.Estimate,
+    particles: fastslam.Settings,
+    rng: np.random.Generator,
+) -> Estimate:
+    """The estimate of `method` from poses and landmarks to start from."""
+    if method in ("em", "em_exclusive"):
+        soft = association.fit(the_world, conventions, start, method == "em_exclusive")
+        return Estimate(soft.poses, soft.landmarks, soft.position_covariances)
+    if method == "fastslam":
+        found = fastslam.run(the_world, conventions, particles, rng=rng)
+        covariances = found.position_covariances(conventions.x0_sigmas)
+        return Estimate(found.poses, found.mean_landmarks, covariances)
+    if method == "isam2":
+        solution = graph.run_isam2(the_world, conventions)
+    elif method == "switchable":
+        solution = switchable.solve(the_world, conventions, start)
+    elif method.startswith("max_mixture_"):
+        components = method.removeprefix("max_mixture_")
+        solution = mixtures.solve(the_world, conventions, start, components)
+    else:  # without a landmark, least squares is dead reckoning
+        loss = "least_squares" if method in ("dead_reckoning", "oracle") else method
+        solution = robust.solve(the_world, conventions, loss, start)
+    covariances = graph.position_covariances(solution, "world")
+    return Estimate(solution.poses, solution.landmarks, covariances)
+
+
+def expected_nees(
+    the_world: world.World, conventions: graph.Conventions, poses: np.ndarray, covariances
+) -> float:
+    """NEES of positions, expected over a drawn mean of the x0 prior; 2 if consistent.
+
+    The paper's prior is centred on the truth. Were its mean drawn from its own law, odometry
+    and ranges would look the same and the whole estimate would move rigidly with it, by J d in a
+    position. So no run needs repeating: E (e + J d)^T P^-1 (e + J d) = e^T P^-1 e + tr(P^-1 J
+    Sigma_0 J^T), to first order in the heading.
+
+    Parameters
+    ----------
+    the_world : whose x0 prior is centred on the truth
+    poses : (T, 3) estimated, [m, m, rad]
+    covariances : (T, 2, 2) of the positions in the world frame, [m^2]
+    """
+    errors = poses[:, :2] - the_world.poses[:, :2]
+    moved = world.rigid_covariances(poses, conventions.x0_sigmas)
+    traces = np.trace(np.linalg.solve(covariances, moved), axis1=1, axis2=2)
+    return metrics.nees(errors, covariances) + float(traces.mean())
+
+
+# --- many worlds ----------------------------------------------------------------------------
+
+
+def compare(
+    scenario: world.Scenario,
+    conventions: graph.Conventions,
+    p_levels: Sequence[float],
+    seeds: Sequence[int],
+    methods: Sequence[str] = tuple(METHODS),
+    starts: Sequence[str] = (REFERENCE_START,),
+    particles: fastslam.Settings = PARTICLES,
+    jobs: int | None = None,
+) -> pd.DataFrame:
+    """Every method from every start on the same worlds.
+
+    Returns
+    -------
+    one row per p, seed, method and start: pose_rmse and landmark_rmse [m], nees (see
+    `expected_nees`), seconds (of CPU, without the start, which is shared: no two runs have the
+    same). The methods in `WITHOUT_START` have the start "none".
+
+    Raises
+    ------
+    ValueError : unknown method or start
+    """
+    _require_known(methods, starts)
+    tasks = [
+        joblib.delayed(_compare_one)(scenario, conventions, p, seed, methods, starts, particles)
+        for p in p_levels
+        for seed in seeds
+    ]
+    rows = [row for world_rows in joblib.Parallel(n_jobs=jobs)(tasks) for row in world_rows]
+    columns = ["method", "start", "p", "seed", "pose_rmse", "landmark_rmse", "nees", "seconds"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _compare_one(
+    scenario: world.Scenario,
+    conventions: graph.Conventions,
+    p: float,
+    seed: int,
+    methods: Sequence[str],
+    starts: Sequence[str],
+    particles: fastslam.Settings,
+) -> list[tuple]:
+    the_world = world.simulate(scenario, p, rng=np.random.default_rng(seed))
+    rows = []
+    for method, start, given, begin in _pairs(the_world, methods, starts):
+        rng = np.random.default_rng([seed, STREAM])
+        before = time.thread_time()
+        found = _from(given, conventions, method, begin, particles, rng)
+        seconds = time.thread_time() - before
+        pose_rmse = metrics.rmse(found.poses[:, :2], the_world.poses[:, :2])
+        landmark_rmse = metrics.rmse(found.landmarks, the_world.landmarks)
+        nees = expected_nees(the_world, conventions, found.poses, found.position_covariances)
+        rows.append((method, start, p, seed, pose_rmse, landmark_rmse, nees, seconds))
+    return rows
+
+
+def _pairs(
+    the_world: world.World, methods: Sequence[str], starts: Sequence[str]
+) -> Iterator[tuple[str, str, world.World, robust.Estimate]]:
+    """Method, start, the world it is given, and where it begins; each start computed once."""
+    poses = world.dead_reckoning(the_world.x0_mean, the_world.odometry)
+    nowhere = np.full((the_world.n_landmarks, 2), np.nan)
+    for method in methods:
+        if method in WITHOUT_START:
+            yield method, "none", the_world, (poses, nowhere)
+    for start in starts:
+        landmarks = robust.start_landmarks(the_world, poses, start)
+        for method in methods:
+            if method == "oracle":
+                true = replace(the_world, label_of=the_world.source_of)
+                yield method, start, true, (poses, robust.start_landmarks(true, poses, start))
+            elif method not in WITHOUT_START:
+                yield method, start, the_world, (poses, landmarks)
+
+
+def relative_to_oracle(runs: pd.DataFrame) -> pd.DataFrame:
+    """`runs` with a column ratio: its pose RMSE over the oracle's on the same world.
+
+    The oracle is the one started from `REFERENCE_START`.
+
+    Raises
+    ------
+    ValueError : the oracle from there is missing in some world
+    """
+    oracle = runs[(runs["method"] == "oracle") & (runs["start"] == REFERENCE_START)]
+    best = oracle.set_index(["p", "seed"])["pose_rmse"].rename("oracle_rmse")
+    joined = runs.join(best, on=["p", "seed"])
+    if joined["oracle_rmse"].isna().any():
+        raise ValueError(f"runs lack the oracle from start {REFERENCE_START!r} in some world")
+    return joined.assign(ratio=joined["pose_rmse"] / joined["oracle_rmse"])
+
+
+def paired(runs: pd.DataFrame, a: str, b: str, start: str = REFERENCE_START) -> pd.DataFrame:
+    """Pose RMSE of method `a` less that of `b` on the same worlds, per p: mean, interval, test.
+
+    See `sweeps.paired_difference`.
+    """
+    chosen = runs[runs["start"].isin([start, "none"])]
+    return sweeps.paired_difference(chosen.rename(columns={"method": "preset"}), "pose_rmse", a, b)

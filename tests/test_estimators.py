@@ -1,0 +1,137 @@
+from dataclasses import replace
+
+import joblib
+import numpy as np
+import pandas as pd
+import pytest
+
+from sngr_utils import estimators, fastslam, graph, metrics, robust, variations, world
+
+C = graph.PRESETS["C"]
+FEW = fastslam.Settings(n_particles=50)
+
+
+def make(p, seed=100):
+    return world.simulate(world.Scenario(), p, rng=np.random.default_rng(seed))
+
+
+def estimate(the_world, method, start="grid"):
+    return estimators.estimate(the_world, C, method, start, FEW, rng=np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return estimators.compare(world.Scenario(), C, [0.2], range(100, 104), jobs=1)
+
+
+@pytest.mark.parametrize("method", estimators.METHODS)
+def test_every_method_answers_in_the_same_form_and_knows_nothing_of_the_truth(method):
+    drawn = make(0.3)
+    blind = replace(
+        drawn,
+        poses=np.full_like(drawn.poses, np.nan),
+        landmarks=np.full_like(drawn.landmarks, np.nan),
+        source_of=drawn.source_of if method == "oracle" else np.full(len(drawn.ranges), -1),
+    )
+    found, again = estimate(drawn, method), estimate(blind, method)
+    assert found.poses.shape == (30, 3)
+    assert found.landmarks.shape == (6, 2)
+    assert np.isfinite(found.landmarks).all() == (method != "dead_reckoning")
+    assert np.array_equal(found.poses, again.poses)
+    assert (np.linalg.eigvalsh(found.position_covariances) > 0).all()
+
+
+def test_dead_reckoning_is_what_odometry_says():
+    drawn = make(0.3)
+    found = estimate(drawn, "dead_reckoning")
+    blind = world.dead_reckoning(drawn.x0_mean, drawn.odometry)
+    assert np.allclose(found.poses, blind)
+    rigid = world.rigid_covariances(blind, C.x0_sigmas)
+    assert np.allclose(found.position_covariances[0], rigid[0])
+    steps = np.trace(found.position_covariances - rigid, axis1=1, axis2=2) / 2
+    assert np.allclose(steps, world.dead_reckoning_variances(blind, drawn.scenario), rtol=1e-6)
+
+
+def test_methods_are_those_of_their_modules():
+    drawn = make(0.3)
+    poses, landmarks = robust.estimate(drawn, C, "cauchy", "first_poses")
+    found = estimate(drawn, "cauchy", "first_poses")
+    assert np.array_equal(found.poses, poses)
+    assert np.array_equal(found.landmarks, landmarks)
+    assert np.array_equal(estimate(drawn, "isam2").poses, graph.run_isam2(drawn, C).poses)
+
+
+@pytest.mark.parametrize("method", ["least_squares", "cauchy", "em"])
+def test_the_nees_expected_over_the_prior_is_that_of_drawn_priors(method):
+    """Repeated runs with 40 drawn means: same average within 5 standard errors and 2 %.
+
+    Started from the first poses, which move with the prior; cells of a grid would not. The
+    second order in the heading, of sigma 0.05 rad, is the 2 %. False alarms: below 1e-4 by
+    Student's law.
+    """
+    drawn = make(0.1)
+    base = estimate(drawn, method, "first_poses")
+    expected = estimators.expected_nees(drawn, C, base.poses, base.position_covariances)
+    values, rng = [], np.random.default_rng(3)
+    for _ in range(40):
+        moved = estimate(variations.draw_x0(drawn, C.x0_sigmas, rng=rng), method, "first_poses")
+        errors = moved.poses[:, :2] - drawn.poses[:, :2]
+        values.append(metrics.nees(errors, moved.position_covariances))
+    error = np.std(values, ddof=1) / np.sqrt(len(values))
+    assert abs(np.mean(values) - expected) < 5 * error + 0.02 * expected
+
+
+def test_compare_is_one_estimate_per_row_in_any_order_of_work(runs):
+    assert len(runs) == 4 * len(estimators.METHODS)
+    assert runs.groupby("method").start.first()["fastslam"] == "none"
+    drawn = make(0.2, 103)
+    row = runs.query("method == 'switchable' and seed == 103").iloc[0]
+    found = estimate(drawn, "switchable")
+    assert row.pose_rmse == metrics.rmse(found.poses[:, :2], drawn.poses[:, :2])
+    assert row.landmark_rmse == metrics.rmse(found.landmarks, drawn.landmarks)
+    with joblib.parallel_config(backend="threading", n_jobs=2):
+        again = estimators.compare(world.Scenario(), C, [0.2], [103, 102])
+    order = ["seed", "method"]
+    ours, theirs = (
+        frame[frame.seed.isin([102, 103])].drop(columns="seconds").sort_values(order)
+        for frame in (runs, again)
+    )
+    pd.testing.assert_frame_equal(
+        ours.reset_index(drop=True), theirs.reset_index(drop=True), check_exact=True
+    )
+
+
+def test_whoever_doubts_beats_odometry_and_who_believes_does_not(runs):
+    """One range in five is wrong. Four fixed worlds, so nothing here is random."""
+    means = runs.groupby("method").pose_rmse.mean()
+    believers = {"dead_reckoning", "isam2", "least_squares"}
+    for method in estimators.METHODS:
+        if method in believers:
+            assert means[method] >= means["dead_reckoning"]
+        else:
+            assert means[method] < means["dead_reckoning"]
+
+
+def test_ratios_and_paired_differences(runs):
+    relative = estimators.relative_to_oracle(runs)
+    oracle = relative.query("method == 'oracle'")
+    assert (oracle["ratio"] == 1).all()
+    row = relative.query("method == 'huber' and seed == 101").iloc[0]
+    assert row.ratio == row.pose_rmse / oracle.set_index("seed").pose_rmse[101]
+    table = estimators.paired(runs, "isam2", "em")
+    means = runs.groupby("method").pose_rmse.mean()
+    assert table["mean"].iloc[0] == pytest.approx(means["isam2"] - means["em"])
+    assert table["p_value"].iloc[0] == pytest.approx(2 / 2**4)  # all four of one sign
+    with pytest.raises(ValueError, match="lack the oracle"):
+        estimators.relative_to_oracle(runs[runs["method"] != "oracle"])
+
+
+def test_unknown_names_are_refused():
+    with pytest.raises(ValueError, match="method is 'tukey'"):
+        estimate(make(0.0), "tukey")
+    with pytest.raises(ValueError, match="start is 'truth'"):
+        estimate(make(0.0), "huber", "truth")
+    with pytest.raises(ValueError, match="method is 'tukey'"):
+        estimators.compare(world.Scenario(), C, [0.0], [100], ["tukey"])
+    with pytest.raises(ValueError, match="start is 'truth'"):
+        estimators.compare(world.Scenario(), C, [0.0], [100], ["huber"], ["truth"])
