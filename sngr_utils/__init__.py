@@ -11,6 +11,7 @@ what stands above it in this list:
 `variations`      bursts, slips of the odometry, a drawn x0 prior
 `metrics`         RMSE, NEES, precision and recall, bimodality coefficient
 `graph`           GTSAM factors, the iSAM2 run, joint marginals
+`mirror`          would the mirror image of a landmark explain its ranges as well?
 `windows`         three-pose windows: score, failure, closure, factors
 `information`     GTSAM's linearisation as blocks of the information matrix, compiled
 `chain`           all window marginals at once, by a selected inverse
@@ -20,6 +21,11 @@ what stands above it in this list:
 `compiled_walk`   dynesty with its random walk compiled
 `importance`      the fast path: many-start optimisation and importance sampling
 `laplace`         one window as one Gaussian, with the full Hessian
+`window_target`   posterior of a window whose ranges may belong to any landmark
+`landmark_target` posterior of a landmark in the plane, its poses integrated out
+`many_starts`     their modes by optimisation, and importance sampling about them
+`brute_force`     their references by quadrature and by particle filters
+`ancestral`       nested sampling inside a Gaussian, a ring or a spanning tree
 `posterior`       a window's posterior under all factors, each counted once
 `engines`         the four ways to sample a window, behind one call
 `refine`          the paper's algorithm and its trigger-only baseline

@@ -2,13 +2,15 @@
 
 Points are z ~ N(0, I) in R^d, with xi = L z and L L^T = c Sigma_w (paper eq. "prior"). The
 algorithm is Skilling's; new points come from random walks whose steps are differences of two
-live points, as in differential evolution.
+live points, as in differential evolution. The likelihood is that of `compiled.Factors`, or of any
+other tuple of arrays that `evaluate` has been taught (`window_target`).
 """
 
 import math
 from typing import NamedTuple
 
 import numpy as np
+from numba.extending import overload
 
 from sngr_utils.compiled import Factors, energy
 from sngr_utils.jit import compile_once
@@ -34,6 +36,24 @@ class Trace(NamedTuple):
     log_evidence: float
     log_evidence_error: float
     calls: int
+
+
+def evaluate(factors, x, poses, points, limit):
+    """Minus the log-likelihood at x, [nats]; compiled code chooses by the type of `factors`."""
+    raise NotImplementedError
+
+
+@overload(evaluate)
+def _evaluate_factors(factors, x, poses, points, limit):
+    if getattr(factors, "instance_class", None) is Factors:
+        return lambda factors, x, poses, points, limit: energy(factors, x, poses, points, limit)
+    return None
+
+
+@compile_once
+def energy_at(factors, x):
+    """`evaluate` at one (d,) point, to the end."""
+    return evaluate(factors, x, factors.poses.copy(), factors.points.copy(), math.inf)
 
 
 @compile_once
@@ -67,7 +87,7 @@ def walk(factors, limit, walks, scale, live_z, live_x, z, x, poses, points, rng)
         for i in range(d):
             new_x[i] = x[i] + factor * (live_x[a, i] - live_x[b, i])
         calls += 1
-        there = energy(factors, new_x, poses, points, limit)
+        there = evaluate(factors, new_x, poses, points, limit)
         if there < limit:
             z[:], x[:] = new_z, new_x
             norm, at = new_norm, there
@@ -92,7 +112,7 @@ def _shrink(factors, cholesky, live_z, live_x, walks, dlogz, rng):
     poses, points = factors.poses.copy(), factors.points.copy()
     live_e = np.empty(n_live)
     for n in range(n_live):
-        live_e[n] = energy(factors, live_x[n], poses, points, math.inf)
+        live_e[n] = energy_at(factors, live_x[n])
     calls, scale, dead = n_live, 0.5, 0
     out_x, out_e = np.empty((16 * n_live, d)), np.empty(16 * n_live)
     log_z, z, x = -math.inf, np.empty(d), np.empty(d)
@@ -139,6 +159,7 @@ def sample(
 
     Parameters
     ----------
+    factors : `compiled.Factors` or another tuple that `evaluate` knows
     cholesky : (d, d) lower-triangular L
     n_live, dlogz : as in `nested.SamplerSettings`
     walks : steps of each random walk

@@ -16,9 +16,10 @@ MODULES = sorted(paths.PACKAGE.glob("*.py"))
 
 # The order in which the package's docstring lists the modules; each imports only from above.
 ORDER = [
-    "paths", "style", "jit", "world", "variations", "metrics", "graph", "windows",
+    "paths", "style", "jit", "world", "variations", "metrics", "graph", "mirror", "windows",
     "information", "chain",
     "nested", "compiled", "compiled_nested", "compiled_walk", "importance", "laplace",
+    "window_target", "landmark_target", "many_starts", "brute_force", "ancestral",
     "posterior", "engines", "refine", "baseline", "corrected",
     "window_audit", "sampler_audit", "refined_sweep",
     "sweeps", "robust", "association", "switchable", "mixtures",

@@ -1,0 +1,192 @@
+"""Reference posteriors of small problems, with their own error.
+
+A landmark in the plane: the rectangle rule on a polar grid about the first pose, where the first
+range leaves a thin ring. For smooth densities that fall to nothing it converges faster than any
+power of the step (Trefethen & Weideman, SIAM Review 56, 2014). A window of poses: particle filters
+with very many particles, several of them, so that their spread is their error.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from sngr_utils.landmark_target import Landmark
+from sngr_utils.metrics import effective_sample_size
+from sngr_utils.window_target import Window
+
+REACH = 7.0  # standard deviations of the first range that the grid covers to either side
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A posterior as N weighted points, made of several parts that would each do alone.
+
+    Attributes
+    ----------
+    points, weights : (N, d) and (N,), the weights summing to 1
+    log_density : (N,) log of the normalised posterior density at the points, [nats]
+    part : (N,) int, which part each point is of
+    log_evidence, log_evidence_error : [nats]
+    """
+
+    points: np.ndarray
+    weights: np.ndarray
+    log_density: np.ndarray
+    part: np.ndarray
+    log_evidence: float
+    log_evidence_error: float
+
+    def mean(self, values: np.ndarray) -> tuple[float, float]:
+        """Posterior mean of (N,) values, and its error from the spread of the parts.
+
+        The parts of a grid are grids of twice the step, so theirs bounds the error of the whole;
+        those of particle filters are independent, and their spread gives a standard error.
+        """
+        sums = np.bincount(self.part, self.weights * values) / np.bincount(self.part, self.weights)
+        return float(self.weights @ values), float(sums.std(ddof=1) / math.sqrt(len(sums)))
+
+    def masses(self, labels: np.ndarray, n: int) -> np.ndarray:
+        """(n,) posterior mass of each of n classes of points, from (N,) int labels"""
+        return np.bincount(labels, self.weights, minlength=n)
+
+    def divergence(
+        self, log_other: Callable[[np.ndarray], np.ndarray]
+    ) -> tuple[float, float]:  # fmt: skip
+        """KL(posterior || other), [nats], and its error; `log_other` of (N, d) points."""
+        return self.mean(self.log_density - log_other(self.points))
+
+    @property
+    def moments(self) -> tuple[np.ndarray, np.ndarray]:
+        """(d,) mean and (d, d) covariance"""
+        mean = self.weights @ self.points
+        centred = self.points - mean
+        return mean, (self.weights[:, None] * centred).T @ centred
+
+
+def landmark_reference(
+    target: Landmark, n_radii: int = 56, n_angles: int = 720
+) -> Reference:  # fmt: skip
+    """Quadrature of a landmark's posterior on a polar grid about the first mean position.
+
+    Parameters
+    ----------
+    n_radii, n_angles : cells, both even; 7 standard deviations of the first range to each side
+
+    Raises
+    ------
+    ValueError : n_radii or n_angles odd or less than 4
+    """
+    for name, n in (("n_radii", n_radii), ("n_angles", n_angles)):
+        if n < 4 or n % 2:
+            raise ValueError(f"{name} is {n}: it must be even and at least 4")
+    reach, distance = REACH * target.first_sigma, float(target.ranges[0])
+    edges = np.linspace(max(0.0, distance - reach), distance + reach, n_radii + 1)
+    radii, step = 0.5 * (edges[1:] + edges[:-1]), edges[1] - edges[0]
+    angles = 2 * np.pi * np.arange(n_angles) / n_angles
+    radius, angle = (axis.ravel() for axis in np.meshgrid(radii, angles, indexing="ij"))
+    points = target.positions[0] + np.column_stack([np.cos(angle), np.sin(angle)]) * radius[:, None]
+    log_density = target(points)
+    log_cells = log_density + np.log(radius * step * 2 * np.pi / n_angles)
+    i, j = np.indices((n_radii, n_angles))
+    part = (2 * (i % 2) + j % 2).ravel()
+    halves = [np.logaddexp.reduce(log_cells[part == q]) + math.log(4) for q in range(4)]
+    log_evidence = float(np.logaddexp.reduce(log_cells))
+    error = float(np.std(halves, ddof=1) / 2)
+    return Reference(points, np.exp(log_cells - log_evidence), log_density - log_evidence, part,
+                     log_evidence, error)  # fmt: skip
+
+
+def window_reference(
+    target: Window, n: int, filters: int = 10, *, rng: np.random.Generator
+) -> Reference:
+    """Particle filters along the chain of a window, each with n particles.
+
+    A filter's estimate of the evidence is unbiased, whatever the posterior's shape: the root
+    draws cover every place that the prior of the chain allows.
+
+    Raises
+    ------
+    ValueError : a landmark of the target is unknown, so that its chain alone is no prior
+
+    Source: Gordon, Salmond & Smith, IEE Proceedings F 140 (1993) 107; systematic resampling.
+    """
+    if target.unknown:
+        raise ValueError("target has an unknown landmark: the filters draw poses only")
+    runs = [_filter(target, n, rng) for _ in range(filters)]
+    evidences = np.array([log_evidence for _, log_evidence in runs])
+    log_evidence = float(np.logaddexp.reduce(evidences) - math.log(filters))
+    shares = np.exp(evidences - log_evidence)
+    points = np.concatenate([noises for noises, _ in runs])
+    part = np.repeat(np.arange(filters), n)
+    return Reference(points, shares[part] / (filters * n), target(points) - log_evidence, part,
+                     log_evidence, float(shares.std(ddof=1) / math.sqrt(filters)))  # fmt: skip
+
+
+def _filter(target: Window, n: int, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+    """(n, d) equally weighted draws of the noises, and the log of the evidence estimate."""
+    noises, log_evidence = np.zeros((n, target.dimension)), 0.0
+    for t in range(target.dimension // 3):
+        noises[:, 3 * t : 3 * t + 3] = rng.standard_normal((n, 3))
+        log_weights = target.log_likelihoods(noises, t, t + 1)
+        total = np.logaddexp.reduce(log_weights)
+        log_evidence += total - math.log(n)
+        steps = np.cumsum(np.exp(log_weights - total))
+        drawn = np.searchsorted(steps, (np.arange(n) + rng.random()) / n * steps[-1])
+        noises = noises[np.minimum(drawn, n - 1)]
+    return noises, float(log_evidence)
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A partition of the plane into 2^depth cells of nearly equal reference mass.
+
+    Attributes
+    ----------
+    cuts : (2^depth - 1,) where each cell is cut in two, x and y in turn, as in a k-d tree, [m]
+    masses : (2^depth,) reference mass of each cell
+    """
+
+    cuts: np.ndarray
+    masses: np.ndarray
+
+    def index(self, places: np.ndarray) -> np.ndarray:
+        """(N,) int: the cell of each of (N, 2) places"""
+        node = np.zeros(len(places), dtype=int)
+        for level in range(len(self.masses).bit_length() - 1):
+            node = 2 * node + 1 + (places[:, level % 2] > self.cuts[node])
+        return node - len(self.cuts)
+
+    def divergence(self, places: np.ndarray, weights: np.ndarray) -> float:
+        """KL(reference || weighted samples) over the cells, [nats].
+
+        No more than the divergence of the densities. Each cell is given half an effective sample
+        beforehand, so that an empty one counts for what so few samples can tell.
+
+        Parameters
+        ----------
+        places, weights : (N, 2) in the plane [m], (N,) summing to 1
+        """
+        ess, n = effective_sample_size(weights), len(self.masses)
+        found = np.bincount(self.index(places), weights, minlength=n)
+        smoothed = (ess * found + 0.5) / (ess + 0.5 * n)
+        held = self.masses > 0
+        return float(np.sum(self.masses[held] * np.log(self.masses[held] / smoothed[held])))
+
+
+def cells(places: np.ndarray, weights: np.ndarray, depth: int = 4) -> Cells:
+    """Cut the plane at weighted medians of (N, 2) reference places, [m]."""
+    cuts, groups = [], [np.arange(len(places))]
+    for level in range(depth):
+        halves = []
+        for group in groups:
+            values = places[group, level % 2]
+            order = np.argsort(values)
+            below = np.cumsum(weights[group][order])
+            middle = np.searchsorted(below, 0.5 * below[-1]) if len(group) else 0
+            cut = float(values[order[middle]]) if len(group) else 0.0
+            cuts.append(cut)
+            halves += [group[values <= cut], group[values > cut]]
+        groups = halves
+    return Cells(np.array(cuts), np.array([weights[group].sum() for group in groups]))

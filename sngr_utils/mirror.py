@@ -1,0 +1,145 @@
+"""The mirror test: would the mirror image of a landmark explain its ranges as well?
+
+Ranges taken from a straight line cannot tell its two sides apart. So a landmark is reflected in
+the line that fits the positions best, both places are refitted, and their costs compared. A few
+microseconds, no sampling.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sngr_utils.jit import compile_once
+
+MAX_STEPS = 200
+SAME = 0.1  # places nearer than this share of the best range's standard deviation are one
+
+
+@dataclass(frozen=True)
+class Mirror:
+    """A landmark, its mirror image, and how much worse the image is.
+
+    Attributes
+    ----------
+    landmark, image : (2,) the two places after the refit, [m]
+    cost, image_cost : half the sum of squared whitened residuals there, [nats]
+    spread : largest standard deviation of the landmark by the Gauss-Newton Hessian, [m];
+        infinite where the ranges do not hold it
+    distinct : whether the refit of the image ended in another place than that of the landmark
+    """
+
+    landmark: np.ndarray
+    image: np.ndarray
+    cost: float
+    image_cost: float
+    spread: float
+    distinct: bool
+
+    @property
+    def gap(self) -> float:
+        """Cost of the image less that of the landmark, [nats].
+
+        0 for two equally good places, negative if the image is the better one, infinite if
+        there is no second place.
+        """
+        return self.image_cost - self.cost if self.distinct else math.inf
+
+
+def mirror_test(
+    positions: np.ndarray, ranges: np.ndarray, variances: np.ndarray, landmark: np.ndarray
+) -> Mirror:
+    """Refit a landmark and its reflection in the line of the trajectory, and compare them.
+
+    The refits start at least one standard deviation of a range off the line, so that a landmark
+    that sits on it, at a saddle between two places, still has both.
+
+    Parameters
+    ----------
+    positions : (n, 2) where the ranges were taken, [m]; one alone leaves a ring, and a gap of 0
+    ranges : (n,), [m]
+    variances : (n,) of each range about the distance, [m^2]
+    landmark : (2,) estimate to start from, [m]
+
+    Raises
+    ------
+    ValueError : shapes that do not fit, a value that is not finite, or a variance that is not
+        positive
+    """
+    positions, ranges, variances, landmark = _checked(positions, ranges, variances, landmark)
+    centre, normal = trajectory_line(positions)
+    sigma = math.sqrt(variances.min())
+    height = (landmark - centre) @ normal
+    foot = landmark - height * normal
+    start = math.copysign(max(abs(height), sigma), height) * normal
+    here, cost, spread = _refit(positions, ranges, 1 / variances, foot + start)
+    there, image_cost, _ = _refit(positions, ranges, 1 / variances, foot - start)
+    distinct = bool(np.linalg.norm(here - there) > SAME * sigma)
+    return Mirror(here, there, cost, image_cost, spread, distinct)
+
+
+def trajectory_line(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Total least squares line of (n, 2) positions: (2,) a point on it and its (2,) unit normal."""
+    centre = positions.mean(axis=0)
+    return centre, np.linalg.svd(positions - centre)[2][1]
+
+
+def _checked(positions, ranges, variances, landmark) -> list[np.ndarray]:
+    """The arguments as float arrays of one layout, so that the refit compiles once."""
+    n = len(ranges)
+    given = {
+        "positions": (positions, (n, 2)), "ranges": (ranges, (n,)),
+        "variances": (variances, (n,)), "landmark": (landmark, (2,)),
+    }  # fmt: skip
+    arrays = []
+    for name, (value, shape) in given.items():
+        array = np.array(value, dtype=float, order="C")
+        if n == 0 or array.shape != shape:
+            raise ValueError(f"{name} has shape {array.shape}: it must be {shape}, n at least 1")
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name} must be finite")
+        arrays.append(array)
+    if not (arrays[2] > 0).all():
+        raise ValueError(f"variances must be positive: the smallest is {arrays[2].min()}")
+    return arrays
+
+
+@compile_once
+def _linearise(positions, ranges, weights, x, y):
+    """Cost, its gradient (2) and the Gauss-Newton Hessian (xx, xy, yy) at a place."""
+    cost, gx, gy, hxx, hxy, hyy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(len(ranges)):
+        dx, dy = x - positions[i, 0], y - positions[i, 1]
+        distance = math.sqrt(dx * dx + dy * dy) + 1e-12
+        error, ux, uy, w = distance - ranges[i], dx / distance, dy / distance, weights[i]
+        cost += 0.5 * w * error * error
+        gx += w * error * ux
+        gy += w * error * uy
+        hxx += w * ux * ux
+        hxy += w * ux * uy
+        hyy += w * uy * uy
+    return cost, gx, gy, hxx, hxy, hyy
+
+
+@compile_once
+def _refit(positions, ranges, weights, start):
+    """Levenberg-Marquardt in the plane: (2,) place, its cost, largest standard deviation."""
+    x, y, damping = start[0], start[1], 1e-4
+    cost, gx, gy, hxx, hxy, hyy = _linearise(positions, ranges, weights, x, y)
+    for _ in range(MAX_STEPS):
+        extra = damping * (hxx + hyy)
+        det = (hxx + extra) * (hyy + extra) - hxy * hxy
+        sx = ((hyy + extra) * gx - hxy * gy) / det
+        sy = ((hxx + extra) * gy - hxy * gx) / det
+        there = _linearise(positions, ranges, weights, x - sx, y - sy)
+        if there[0] <= cost:
+            x, y, damping = x - sx, y - sy, max(0.1 * damping, 1e-12)
+            cost, gx, gy, hxx, hxy, hyy = there
+        else:
+            damping = 10 * damping
+        if (sx * sx + sy * sy) * (hxx + hyy) < 1e-12:  # a millionth of a standard deviation
+            break
+    middle, half = 0.5 * (hxx + hyy), math.hypot(0.5 * (hxx - hyy), hxy)
+    smallest = max(middle - half, 0.0)
+    spread = math.inf if smallest < 1e-12 * middle else 1 / math.sqrt(smallest)
+    return np.array([x, y]), cost, spread

@@ -1,0 +1,122 @@
+"""Ancestral priors: drawn as they are weighed, and the evidence they lead to."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+from test_brute_force import SIGMAS, a_world, anchors, window
+
+from sngr_utils import (
+    ancestral,
+    brute_force,
+    compiled_nested,
+    landmark_target,
+    many_starts,
+    nested,
+    window_target,
+)
+
+SETTINGS = nested.SamplerSettings(n_live=200, min_walks=25)
+
+
+def test_a_ring_is_drawn_as_it_is_weighed():
+    """The mean of f over the prior is the integral of f, for a Gaussian f: 1. Without the factor
+    1 / (2 pi r) it would not be. Five standard errors: one false alarm in two million."""
+    prior, rng = ancestral.ring(anchors(measured=1.0, sigma=0.5)), np.random.default_rng(0)
+    points = prior.draw(20_000, rng=rng)
+    f = stats.multivariate_normal([0.3, 0.2], 0.2 * np.eye(2)).logpdf(points)
+    ratio = np.exp(f - prior.log_density(points))
+    error = ratio.std() / math.sqrt(len(ratio))
+    assert abs(ratio.mean() - 1) < 5 * error < 0.1
+    flat = np.exp(f - prior.log_density(points) - np.log(np.hypot(*points.T)))
+    assert abs(flat.mean() - 1) > 10 * error
+
+
+def test_a_gaussian_prior_is_drawn_as_it_is_weighed():
+    mean, covariance = np.array([1.0, -2.0]), np.array([[2.0, 0.5], [0.5, 1.0]])
+    prior = ancestral.gaussian(mean, covariance, 3.0)
+    draws = prior.draw(4000, rng=np.random.default_rng(1))
+    law = stats.multivariate_normal(mean, 3 * covariance)
+    np.testing.assert_allclose(prior.log_density(draws[:50]), law.logpdf(draws[:50]))
+    np.testing.assert_allclose(np.cov(draws.T), 3 * covariance, atol=0.6)
+
+
+@pytest.mark.parametrize("n", [0, 2, 3])
+def test_evidence_and_masses_of_a_landmark(n):
+    """dynesty from the ring against quadrature: four of its own errors, and masses to 0.15, some
+    four standard deviations at 200 live points."""
+    target = landmark_target.landmark_of(a_world(), SIGMAS, 5.0, 0, n) if n else anchors()
+    reference = brute_force.landmark_reference(target)
+    modes = many_starts.find_modes(target, many_starts.ring_starts(target))
+    run = ancestral.sample(target, ancestral.ring(target), SETTINGS, rng=np.random.default_rng(n))
+    assert abs(run.log_evidence - reference.log_evidence) < 4 * run.log_evidence_error
+    exact = reference.masses(modes.label(reference.points), len(modes.places))
+    found = np.bincount(modes.label(run.samples), run.weights, minlength=len(exact))
+    np.testing.assert_allclose(found, exact, atol=0.15)
+
+
+def test_root_to_leaves_agrees_with_poses_integrated_out():
+    """Two poses and a landmark, eight numbers, from the tree; against the plane's quadrature."""
+    the_world = a_world()
+    plane = landmark_target.landmark_of(the_world, SIGMAS, 5.0, 0, 2)
+    full = window_target.window_of(the_world, SIGMAS, 0.0, 1)
+    joint = replace(
+        full, unknown=True, prior_sigma=5.0, odometry=full.odometry[:1], pose_of=np.arange(2),
+        ranges=plane.ranges, log_shares=np.zeros((2, 1)), landmarks=plane.centre[None],
+    )  # fmt: skip
+    prior = ancestral.tree(joint)
+    assert prior.dimension == 8
+    run = ancestral.sample(joint, prior, SETTINGS, rng=np.random.default_rng(3))
+    reference = brute_force.landmark_reference(plane)
+    assert abs(run.log_evidence - reference.log_evidence) < 4 * run.log_evidence_error + 0.05
+    modes = many_starts.find_modes(plane, many_starts.ring_starts(plane))
+    first = run.weights @ (modes.label(run.samples[:, 6:]) == 0)
+    assert first == pytest.approx(0.5, abs=0.2)
+
+
+def test_the_compiled_sampler_sees_the_same_density():
+    target, rng = window(2), np.random.default_rng(4)
+    spread = rng.standard_normal((9, 9)) / 9 + np.eye(9)
+    prior = ancestral.gaussian(0.1 * rng.standard_normal(9), spread @ spread.T, 1.0)
+    factors = target.over(prior.mean, prior.lower)
+    points = prior.draw(20, rng=rng)
+    energies = [compiled_nested.energy_at(factors, point - prior.mean) for point in points]
+    np.testing.assert_allclose(energies, prior.log_density(points) - target(points), atol=1e-9)
+
+
+@pytest.mark.parametrize("n_ranges", [1, 3])
+def test_evidence_and_masses_of_a_window(n_ranges):
+    """The tree and a wide Gaussian, compiled, against particle filters: four errors of both, and
+    0.1 for what walks of fifty steps leave."""
+    target, rng = window(n_ranges), np.random.default_rng(5)
+    reference = brute_force.window_reference(target, 5000, rng=rng)
+    settings = nested.SamplerSettings(n_live=400, min_walks=50)
+    tree = ancestral.tree(target)
+    modes = many_starts.find_modes(target, tree.draw(16, rng=rng))
+    exact = reference.masses(modes.label(reference.points), len(modes.places))
+    run = ancestral.sample_window(target, tree, settings, rng=rng)
+    error = math.hypot(run.log_evidence_error, reference.log_evidence_error)
+    assert abs(run.log_evidence - reference.log_evidence) < 4 * error + 0.1
+    found = np.bincount(modes.label(run.samples), run.weights, minlength=len(exact))
+    np.testing.assert_allclose(found, exact, atol=0.15)
+
+
+def test_dynesty_and_the_compiled_sampler_agree():
+    target = window(2)
+    tree = ancestral.tree(target)
+    runs = [
+        sampler(target, tree, SETTINGS, rng=np.random.default_rng(6))
+        for sampler in (ancestral.sample, ancestral.sample_window)
+    ]
+    error = math.hypot(*(run.log_evidence_error for run in runs))
+    assert abs(runs[0].log_evidence - runs[1].log_evidence) < 4 * error
+
+
+def test_the_compiled_sampler_refuses_what_it_cannot_do():
+    target, rng = window(), np.random.default_rng(7)
+    with pytest.raises(ValueError, match="prior is not Gaussian"):
+        ancestral.sample_window(target, ancestral.ring(anchors()), SETTINGS, rng=rng)
+    with pytest.raises(ValueError, match="unknown"):
+        replace(target, unknown=True).over(np.zeros(9), np.eye(9))

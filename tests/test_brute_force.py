@@ -1,0 +1,254 @@
+"""Small posteriors and their references, against closed forms and independent integration."""
+
+import math
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import X
+from scipy import integrate, stats
+
+from sngr_utils import (
+    brute_force,
+    graph,
+    landmark_target,
+    many_starts,
+    variations,
+    window_target,
+    world,
+)
+
+SIGMAS = graph.PRESETS["C"].x0_sigmas
+WEAK = world.Scenario(n_poses=3, odometry_sigma_xy=0.5, odometry_sigma_theta=0.1)
+
+
+def anchors(distance=4.0, measured=3.0, sigma=0.2):
+    """Notebook 1: two known anchors, both `measured` metres from a landmark."""
+    positions = np.array([[0.0, 0.0], [distance, 0.0]])
+    return landmark_target.Landmark(
+        positions, np.zeros((4, 4)), np.array([measured, measured]), sigma, positions.mean(axis=0),
+        10.0,
+    )  # fmt: skip
+
+
+def a_world(seed=100):
+    return world.simulate(world.Scenario(), 0.0, rng=np.random.default_rng(seed))
+
+
+def window(n_ranges=1, seed=100, range_sigma=0.1, **changes):
+    """Three poses, each with ranges that may belong to any of six landmarks."""
+    rng = np.random.default_rng(seed)
+    scenario = WEAK.model_copy(update={"range_sigma": range_sigma})
+    the_world = variations.draw_x0(world.simulate(scenario, 0.4, rng=rng), [0.5, 0.5, 0.1], rng=rng)
+    return replace(window_target.window_of(the_world, [0.5, 0.5, 0.1], 0.4, n_ranges), **changes)
+
+
+# --- targets --------------------------------------------------------------------------------
+
+
+def test_noises_of_a_window_are_the_residuals_of_gtsams_factors():
+    """Half their squares is the error of the x0 prior and the odometry, to the turn's curvature."""
+    target, rng = window(), np.random.default_rng(1)
+    noises = 0.3 * rng.standard_normal(9)
+    start = world.dead_reckoning(target.x0_mean, [noises[:3] * target.x0_sigmas])[-1]
+    moved = target.odometry + noises[3:].reshape(2, 3) * target.odometry_sigmas
+    poses = world.dead_reckoning(start, moved)
+    np.testing.assert_allclose(target.positions(noises[None])[0], poses[:, :2], atol=1e-12)
+    factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    factors.push_back(graph.pose_prior(target.x0_mean, list(target.x0_sigmas)))
+    for t, motion in enumerate(target.odometry):
+        factors.push_back(graph.odometry_factor(t, motion, WEAK))
+    for t, pose in enumerate(poses):
+        values.insert(X(t), gtsam.Pose2(*pose))
+    assert factors.error(values) == pytest.approx(0.5 * noises @ noises, abs=5e-3)
+
+
+@pytest.mark.parametrize("n", [2, 4])
+def test_integrating_poses_out_to_first_order_is_accurate(n):
+    """Against a Monte Carlo mean over the poses, at places where the posterior is. A false alarm
+    is a deviation of five standard errors at one of six places: less than 1e-5."""
+    the_world, rng = a_world(), np.random.default_rng(2)
+    target = landmark_target.landmark_of(the_world, SIGMAS, 5.0, 0, n)
+    reference = brute_force.landmark_reference(target)
+    heavy = np.argsort(-reference.weights)[:3000]
+    places = reference.points[rng.choice(heavy, 3)]
+    mine = np.flatnonzero(the_world.label_of == 0)[:n]
+    joint = replace(
+        window_target.window_of(the_world, SIGMAS, 0.0, 1), unknown=True, prior_sigma=5.0,
+        odometry=the_world.odometry[: n - 1], pose_of=np.arange(n), ranges=the_world.ranges[mine],
+        log_shares=np.zeros((n, 1)), landmarks=target.centre[None],
+    )  # fmt: skip
+    noises = rng.standard_normal((200_000, joint.n_noises))
+    prior = -0.5 * (np.sum(noises**2, axis=1) + joint.n_noises * window_target.LOG_TAU)
+    for place in places:
+        points = np.hstack([noises, np.tile(place, (len(noises), 1))])
+        density = np.exp(joint(points) - prior)
+        error = density.std() / math.sqrt(len(density))
+        exact = math.exp(target(place[None])[0])
+        assert abs(density.mean() - exact) < 5 * error + 0.02 * exact
+
+
+def test_a_landmark_that_a_range_cannot_belong_to_does_not_count():
+    """With p = 0 the mixture is the one Gaussian of the attached landmark."""
+    the_world = a_world()
+    target = window_target.window_of(the_world, SIGMAS, 0.0, 2)
+    noises = 0.1 * np.random.default_rng(8).standard_normal((3, 90))
+    where = target.positions(noises)[:, target.pose_of]
+    distances = np.linalg.norm(where - the_world.landmarks[np.tile([0, 1], 30)], axis=2)
+    each = stats.norm.logpdf(target.ranges, distances, 0.1).sum(axis=1)
+    np.testing.assert_allclose(target.log_likelihoods(noises, 0, 30), each)
+
+
+def test_landmark_of_needs_a_range_from_every_pose():
+    with pytest.raises(ValueError, match="n is 31"):
+        landmark_target.landmark_of(a_world(), SIGMAS, 5.0, 0, 31)
+
+
+def test_window_of_names_what_is_wrong():
+    with pytest.raises(ValueError, match="p is 1"):
+        window_target.window_of(a_world(), SIGMAS, 1.5, 1)
+    with pytest.raises(ValueError, match="n_ranges"):
+        window_target.window_of(a_world(), SIGMAS, 0.4, 0)
+
+
+# --- quadrature -----------------------------------------------------------------------------
+
+
+def test_evidence_of_one_range_is_a_radial_integral():
+    """The prior is centred on the only position, so what is left is one integral over radii."""
+    target = landmark_target.Landmark(
+        np.zeros((1, 2)), np.zeros((2, 2)), np.array([3.0]), 0.1, np.zeros(2), 5.0
+    )
+    exact = integrate.quad(
+        lambda r: r / 25 * math.exp(-0.5 * (r / 5) ** 2) * stats.norm.pdf(3, r, 0.1), 2, 4
+    )[0]
+    found = brute_force.landmark_reference(target)
+    assert found.log_evidence == pytest.approx(math.log(exact), abs=1e-10)
+    assert found.log_evidence_error < 1e-8
+
+
+def test_quadrature_agrees_with_an_independent_grid_and_knows_its_error():
+    target = anchors()
+    axis = np.arange(-8, 8, 0.02)
+    plane = np.stack(np.meshgrid(axis + 2, axis), axis=-1).reshape(-1, 2)
+    independent = np.logaddexp.reduce(target(plane)) + 2 * math.log(0.02)
+    fine = brute_force.landmark_reference(target)
+    assert fine.log_evidence == pytest.approx(independent, abs=1e-6)
+    coarse = brute_force.landmark_reference(target, 8, 40)
+    assert 1e-4 < abs(coarse.log_evidence - independent) < 3 * coarse.log_evidence_error
+    upper, error = fine.mean((fine.points[:, 1] > 0).astype(float))
+    assert upper == pytest.approx(0.5, abs=0.01)
+    assert error < 0.01
+
+
+def test_grids_that_cannot_be_halved_are_refused():
+    with pytest.raises(ValueError, match="n_angles"):
+        brute_force.landmark_reference(anchors(), 8, 41)
+
+
+def gaussian_reference(mean, covariance):
+    """A fine grid of a Gaussian, as a reference."""
+    axis = np.arange(-8, 8, 0.1)
+    points = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    log_density = stats.multivariate_normal(mean, covariance).logpdf(points)
+    weights = np.exp(log_density) * 0.01
+    return brute_force.Reference(
+        points, weights / weights.sum(), log_density, np.arange(len(points)) % 2, 0.0, 0.0
+    )
+
+
+def test_divergence_and_moments_of_gaussians_have_closed_forms():
+    covariance, other = np.array([[1.0, 0.3], [0.3, 0.5]]), np.diag([0.8, 0.6])
+    reference = gaussian_reference([0.2, -0.1], covariance)
+    law = stats.multivariate_normal([0.5, 0.4], other)
+    shift = np.array([0.3, 0.5])
+    exact = 0.5 * (
+        np.trace(np.linalg.solve(other, covariance)) + shift @ np.linalg.solve(other, shift) - 2
+        + np.linalg.slogdet(other)[1] - np.linalg.slogdet(covariance)[1]
+    )  # fmt: skip
+    assert reference.divergence(law.logpdf)[0] == pytest.approx(exact, abs=1e-6)
+    mean, spread = reference.moments
+    np.testing.assert_allclose(mean, [0.2, -0.1], atol=1e-6)
+    np.testing.assert_allclose(spread, covariance, atol=1e-5)
+
+
+# --- particle filters -----------------------------------------------------------------------
+
+
+def test_filters_agree_with_quadrature_of_one_pose():
+    """Evidence of one pose: a mixture likelihood over a Gaussian position. Five standard errors
+    of ten filters: a false alarm in one of 1500."""
+    full = window(2)
+    target = replace(
+        full, odometry=full.odometry[:0], pose_of=full.pose_of[:2], ranges=full.ranges[:2],
+        log_shares=full.log_shares[:2],
+    )  # fmt: skip
+    axis = np.arange(-6, 6, 0.02)
+    noises = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    noises = np.column_stack([noises, np.zeros(len(noises))])
+    exact = np.logaddexp.reduce(target(noises)) + 2 * math.log(0.02) + 0.5 * window_target.LOG_TAU
+    found = brute_force.window_reference(target, 5000, rng=np.random.default_rng(3))
+    assert found.log_evidence_error < 0.05
+    assert abs(found.log_evidence - exact) < 5 * found.log_evidence_error
+
+
+def test_filters_agree_with_plain_draws_from_the_prior():
+    """Wide ranges, so that plain Monte Carlo does: evidence and mean of the last position, five
+    standard errors of ten filters each."""
+    target, rng = window(2, range_sigma=0.5), np.random.default_rng(4)
+    noises = rng.standard_normal((200_000, 9))
+    likelihood = np.exp(target.log_likelihoods(noises, 0, 3))
+    found = brute_force.window_reference(target, 5000, rng=rng)
+    plain = likelihood.std() / likelihood.mean() / math.sqrt(len(noises))
+    error = math.hypot(found.log_evidence_error, plain)
+    assert abs(found.log_evidence - math.log(likelihood.mean())) < 5 * error
+    last = target.positions(noises)[:, -1, 0]
+    mean, spread = found.mean(target.positions(found.points)[:, -1, 0])
+    assert abs(mean - likelihood @ last / likelihood.sum()) < 5 * spread + 0.01
+
+
+def test_filters_refuse_an_unknown_landmark():
+    with pytest.raises(ValueError, match="unknown"):
+        brute_force.window_reference(window(unknown=True), 10, rng=np.random.default_rng(0))
+
+
+# --- cells ----------------------------------------------------------------------------------
+
+
+def test_cells_share_the_mass_and_tell_a_missed_half():
+    reference = gaussian_reference([0.0, 0.0], np.eye(2))
+    parts = brute_force.cells(reference.points, reference.weights)
+    assert len(parts.masses) == 16
+    assert parts.masses.sum() == pytest.approx(1)
+    assert parts.masses.min() > 0.03
+    again = np.bincount(parts.index(reference.points), reference.weights, minlength=16)
+    np.testing.assert_allclose(again, parts.masses)
+    draws, equal = np.random.default_rng(5).standard_normal((4000, 2)), np.full(4000, 1 / 4000)
+    assert parts.divergence(draws, equal) < 0.01
+    draws[:, 0] = abs(draws[:, 0])
+    assert parts.divergence(draws, equal) > 2
+
+
+# --- many starts ----------------------------------------------------------------------------
+
+
+def test_many_starts_find_both_places_of_a_landmark():
+    target, rng = anchors(), np.random.default_rng(6)
+    modes = many_starts.find_modes(target, many_starts.ring_starts(target))
+    np.testing.assert_allclose(sorted(modes.places[:, 1]), [-math.sqrt(5), math.sqrt(5)], atol=0.01)
+    assert modes.log_masses[0] == pytest.approx(modes.log_masses[1], abs=1e-3)
+    reference = brute_force.landmark_reference(target)
+    draws = many_starts.mixture_draws(target, modes, 4000, rng=rng)
+    away = abs(draws.log_evidence - reference.log_evidence)
+    assert away < 5 * draws.log_evidence_error + 1e-3 < 0.2
+    masses = np.bincount(modes.label(draws.samples), draws.weights)
+    np.testing.assert_allclose(masses, [0.5, 0.5], atol=0.05)
+    one = many_starts.laplace_draws(modes, 100, rng=rng)
+    assert set(modes.label(one.samples)) == {0}
+    assert one.log_evidence == pytest.approx(reference.log_evidence - math.log(2), abs=0.1)
+
+
+def test_no_maximum_is_an_error():
+    with pytest.raises(ValueError, match="none of 1 starts"):
+        many_starts.find_modes(lambda points: points[:, 0] ** 2, np.ones((1, 2)))
