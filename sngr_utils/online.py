@@ -56,6 +56,7 @@ class Settings(Checked):
     doubt_odometry: bool = True
     louis: bool = True
     p: Probability | None = None
+    mirror_first: bool = True
 
 
 @dataclass(frozen=True)
@@ -334,6 +335,9 @@ class Estimator:
         if self.settings.start == "first_poses":
             position = graph.start_landmark(evidence.anchors[:3], evidence.ranges[:3])
             return place.Mode(position, np.eye(2), 1.0)
+        if self.settings.mirror_first and place.mirrored(evidence):
+            self.counts["mirror waits"] += 1
+            return None
         if self.settings.start == "nested":
             cloud = place.sample(evidence, rng=self.rng)
             self.counts["landmark starts"] += 1

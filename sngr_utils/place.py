@@ -12,12 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from sngr_utils import compiled, compiled_nested
+from sngr_utils import compiled, compiled_nested, crossings, mirror
 
 N_LIVE, WALKS, DLOGZ = 200, 20, 0.1  # of the nested sampler, in two dimensions
 GRID_CELLS = 400  # per axis
 GRID_REACH = 1.5  # the grid ends at so many sigmas of the prior
+GATE = stats.chi2.ppf(0.99, 1)  # squared normalised error of a range that fits
 MAX_MODES = 4  # what is beyond them is left without a mode
+ENOUGH_MASS = 0.9  # of the first mode: the place is known
+LEAST_GAP = math.log(ENOUGH_MASS / (1 - ENOUGH_MASS))  # nats by which a mirror image is then worse
 CLAIM = stats.chi2.ppf(0.999, 2)  # a mode claims what its Gaussian holds at this level
 
 
@@ -106,6 +109,30 @@ class Posterior:
     weights: np.ndarray
     log_densities: np.ndarray
     log_evidence: float
+
+
+def mirrored(evidence: Evidence) -> bool:
+    """Is there plainly a second place, the mirror image of the likeliest? No sampling.
+
+    Starts are the crossings of every two circles. The likeliest of them says which ranges are
+    right, and the mirror test is made with these.
+    """
+    starts = crossings.crossings(evidence.anchors, evidence.ranges)
+    likelihoods = compiled.log_likelihoods(evidence.factors, starts - evidence.centre)
+    best = starts[np.argmax(likelihoods)]
+    fit = fitting(evidence, best, evidence.variances)
+    if fit.sum() < 3:
+        return True
+    found = mirror.mirror_test(
+        evidence.anchors[fit], evidence.ranges[fit], evidence.variances[fit], best
+    )
+    return found.gap < LEAST_GAP
+
+
+def fitting(evidence: Evidence, place: np.ndarray, variances: np.ndarray) -> np.ndarray:
+    """(N,) bool: the ranges that a (2,) place explains, given their (N,) variances, [m^2]."""
+    distances = np.linalg.norm(place - evidence.anchors, axis=1)
+    return (distances - evidence.ranges) ** 2 < GATE * variances
 
 
 def sample(evidence: Evidence, *, rng: np.random.Generator) -> Posterior:
