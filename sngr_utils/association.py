@@ -22,7 +22,7 @@ COOLING = 0.7  # per iteration
 NEGLIGIBLE = 1e-3  # responsibilities below it make no factor
 ITERATIONS, SETTLED = 60, 1e-4  # of EM: at most, and when no position moves more, [m]
 LEAST = -50.0  # log weight, against a range's largest, below which all weights are alike
-MOST_MISSING = 0.9  # of the information in any direction, see `_covariances`
+MOST_MISSING = 0.9  # of the information in any direction, see `position_covariances`
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ def fit(
         if width == 1.0 and moved < SETTLED:
             break
         width = max(1.0, COOLING * width)
-    covariances = _covariances(sure, the_world, poses, landmarks, weights)
+    covariances = position_covariances(sure, the_world, poses, landmarks, weights)
     return SoftEstimate(poses, landmarks, weights[:, :-1], p, covariances)
 
 
@@ -246,7 +246,7 @@ def _optimise(
     return graph.poses_of(result, len(poses)), graph.landmarks_of(result, len(landmarks))
 
 
-def _covariances(
+def position_covariances(
     sure: gtsam.NonlinearFactorGraph,
     the_world: world.World,
     poses: np.ndarray,

@@ -53,6 +53,19 @@ class Credit:
     weights: np.ndarray
 
 
+def nowhere(n_ranges: int, n_landmarks: int) -> Credit:
+    """Ranges that are credited to no landmark, all of which are yet to be found."""
+    used = np.full(n_ranges, DROPPED)
+    return Credit(used, np.eye(n_landmarks + 1)[used])  # the last column for -1
+
+
+def exact(data: World, poses: np.ndarray, landmarks: np.ndarray) -> Innovations:
+    """Innovations about an estimate that is taken for certain: range noise is all."""
+    distances = np.linalg.norm(poses[data.pose_of, None, :2] - landmarks, axis=2)
+    residuals = data.ranges[:, None] - distances
+    return Innovations(residuals, residuals * 0 + data.scenario.range_sigma**2)
+
+
 def innovations(
     data: World, poses: np.ndarray, landmarks: np.ndarray, used: np.ndarray,
     covariance: chain.ChainCovariance,
@@ -92,7 +105,7 @@ def innovations(
 
 
 def decide(
-    data: World, found: Innovations, credit: Credit, p: float, exclusive: bool, swap: bool
+    data: World, found: Innovations, used: np.ndarray, p: float, exclusive: bool, swap: bool
 ) -> Credit:
     """Credit every range anew: label kept, swapped for a likelier one, or dropped.
 
@@ -101,6 +114,7 @@ def decide(
 
     Parameters
     ----------
+    used : (M,) int, landmark each range is credited to so far, or `DROPPED`
     p : probability of a wrong label
     exclusive : the ranges of a scan come from different landmarks
     swap : a range may go to another landmark than that of its label
@@ -110,7 +124,7 @@ def decide(
     sharp = found.variances < VAGUE**2
     with np.errstate(invalid="ignore"):
         sure = (squared < GATE)[rows, data.label_of] & sharp[rows, data.label_of]
-    doubtful = ~sure | (credit.used != data.label_of)
+    doubtful = ~sure | (used != data.label_of)
     used = np.where(sure, data.label_of, DROPPED)
     weights = np.zeros((len(rows), n_landmarks + 1))
     weights[rows, data.label_of] = 1.0

@@ -6,9 +6,6 @@ A variable whose last factor goes, goes with it.
 """
 
 import gtsam
-import numpy as np
-
-from sngr_utils import graph
 
 Name = tuple[str, int] | tuple[str]
 RELINEARIZE_THRESHOLD = 0.01  # m and rad: a swapped factor asks for more care than the usual 0.1
@@ -58,22 +55,14 @@ class Smoother:
             self._isam.update()
         self.values = self._isam.calculateEstimate()
 
-    def names(self, kind: str) -> list[Name]:
-        """Names of the factors of one kind that are in the graph."""
-        return [name for name in self._slots if name[0] == kind]
+    def named(self, kind: str) -> dict[Name, gtsam.NonlinearFactor]:
+        """The factors of one kind by name."""
+        return {name: factor for name, factor in self._factors.items() if name[0] == kind}
 
     def factors(self, *kinds: str) -> gtsam.NonlinearFactorGraph:
         """The factors of some kinds."""
         found = gtsam.NonlinearFactorGraph()
-        for name, factor in self._factors.items():
-            if name[0] in kinds:
+        for kind in kinds:
+            for factor in self.named(kind).values():
                 found.push_back(factor)
         return found
-
-    def poses(self, n_poses: int) -> np.ndarray:
-        """(T, 3), [m, m, rad]"""
-        return graph.poses_of(self.values, n_poses)
-
-    def landmarks(self, n_landmarks: int) -> np.ndarray:
-        """(K, 2), [m]; NaN for a landmark that is not in the graph"""
-        return graph.landmarks_of(self.values, n_landmarks)
