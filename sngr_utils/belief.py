@@ -110,8 +110,11 @@ class Belief:
         self._update({}, [("landmark", k), *(("range", m) for m in mine)])
 
     def rebuild(self, poses: np.ndarray, landmarks: np.ndarray, used: np.ndarray) -> None:
-        """The same graph with other associations, linearised anew at another estimate."""
-        kept = {name: f for kind in SURE for name, f in self.smoother.named(kind).items()}
+        """The graph of another estimate and other associations, landmark priors centred on it."""
+        kept = {**self.smoother.named("x0"), **self.smoother.named("odometry")}
+        sigma = self.conventions.landmark_prior_sigma
+        for k in np.flatnonzero(np.isfinite(landmarks[:, 0])):
+            kept["landmark", k] = graph.landmark_prior(k, landmarks[k], sigma)
         self.smoother, self.credit = Smoother(), Credit(used, self.credit.weights)
         ranges = self._ranges(np.flatnonzero(used != DROPPED))
         self._update({**kept, **ranges}, start=robust.values_of(poses, landmarks))
@@ -133,6 +136,15 @@ class Belief:
         """Read the estimate from the smoother."""
         self.poses = graph.poses_of(self.smoother.values, self.data.n_poses)
         self.landmarks = graph.landmarks_of(self.smoother.values, self.data.n_landmarks)
+
+    def sure_factors(self, landmarks: np.ndarray) -> gtsam.NonlinearFactorGraph:
+        """x0 prior, odometry as far as it is trusted, weak priors on (K, 2) landmarks, [m]."""
+        factors = self.smoother.factors("x0", "odometry")
+        for k in np.flatnonzero(np.isfinite(landmarks[:, 0])):
+            factors.push_back(
+                graph.landmark_prior(k, landmarks[k], self.conventions.landmark_prior_sigma)
+            )
+        return factors
 
     # --- uncertainty ------------------------------------------------------------------------
 

@@ -9,18 +9,18 @@ the robot is when its scan contradicts the odometry.
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Annotated
 
 import numpy as np
-from pydantic import Field
 
-from sngr_utils import association, crediting, graph, landmark_start, odometry_doubt
+from sngr_utils import association, crediting, graph, landmark_start, odometry_doubt, robust
 from sngr_utils.belief import P_PRIOR, SURE, Belief
 from sngr_utils.crediting import DROPPED
-from sngr_utils.world import Checked, Probability, World
+from sngr_utils.world import Checked, Probability, World, dead_reckoning
 
 SWEEPS = 3  # over all ranges, at most, per step
 SETTLING = 3  # updates without new factors at the very end
+PATIENCE = 5  # poses between two looks at all ranges
+MOST_LOST = 0.1  # share of all ranges that may be credited to none
 BETTER = 1.0  # nats that an estimate of EM must gain to be adopted
 
 
@@ -33,8 +33,7 @@ class Settings(Checked):
     exclusive : no two ranges of a scan come from the same landmark
     swap : a range may be credited to another landmark than its label's, not only dropped
     sweep : earlier ranges are credited anew at every step
-    restart_every : poses after which EM over all data so far is tried, as it is after a slip or
-        a scan that lost half of its ranges; 0 for never
+    restart : in trouble, EM over all data so far is tried, and adopted where it is likelier
     doubt_odometry : a scan may overrule the odometry
     louis : the covariance admits that associations are uncertain
     p : probability of a wrong label; None estimates it
@@ -45,7 +44,7 @@ class Settings(Checked):
     exclusive: bool = True
     swap: bool = True
     sweep: bool = True
-    restart_every: Annotated[int, Field(ge=0)] = 10
+    restart: bool = True
     doubt_odometry: bool = True
     louis: bool = True
     p: Probability | None = None
@@ -148,7 +147,7 @@ class Online:
         if settings.doubt_odometry:
             odometry_doubt.doubt_steps(belief)
         landmark_start.drop_landmarks(belief)
-        if self._restart_due():
+        if settings.restart and self._in_trouble():
             self._restart()
 
     def _credit(self, newest_only: bool = False) -> bool:
@@ -169,35 +168,42 @@ class Online:
         belief.credit = crediting.Credit(belief.credit.used, credit.weights)
         return belief.use(used)
 
-    def _restart_due(self) -> bool:
-        """Time for EM, or trouble: a slip, or half of the newest scan credited to none."""
-        belief, every = self.belief, self.settings.restart_every
-        if not every:
-            return False
-        t = belief.data.n_poses - 1
-        newest = belief.credit.used[belief.data.pose_of == t]
-        lost = np.isfinite(belief.landmarks).all() and np.mean(newest == DROPPED) >= 0.5
-        return t % every == 0 or t - 1 in belief.slipped or lost
+    def _in_trouble(self) -> bool:
+        """Has the newest step slipped, its scan lost half of its ranges, or all of them too many?
+
+        The last is asked every `PATIENCE` poses only, for EM costs as much as the rest of a step.
+        """
+        belief, t = self.belief, self.belief.data.n_poses - 1
+        lost = belief.credit.used == DROPPED
+        known = np.isfinite(belief.landmarks).all()
+        newest_lost = known and np.mean(lost[belief.data.pose_of == t]) >= 0.5
+        too_many = t % PATIENCE == 0 and t > PATIENCE and np.mean(lost) > MOST_LOST
+        return t - 1 in belief.slipped or newest_lost or too_many
 
     def _restart(self) -> None:
-        """EM over all data so far, from the present estimate; adopted if it explains them better.
+        """EM over all data so far, from where we are and from nothing; the best one is kept.
 
         Source: `association.fit`.
         """
-        belief, settings = self.belief, self.settings
+        belief, settings, data = self.belief, self.settings, self.belief.data
         belief.counts["batch trials"] += 1
-        found = association.fit(
-            belief.data, belief.conventions, (belief.poses, belief.landmarks),
-            settings.exclusive, sure=belief.smoother.factors(*SURE),
-        )  # fmt: skip
-        before = belief.cost(belief.poses, belief.landmarks)
-        if belief.cost(found.poses, found.landmarks) > before - BETTER:
+        blind = dead_reckoning(data.x0_mean, data.odometry)
+        starts = [(belief.poses, belief.landmarks)] if np.isfinite(belief.landmarks).all() else []
+        starts.append((blind, robust.start_landmarks(data, blind, "grid")))
+        found, least = None, belief.cost(belief.poses, belief.landmarks) - BETTER
+        for start in starts:
+            sure = belief.sure_factors(start[1])
+            fit = association.fit(data, belief.conventions, start, settings.exclusive, sure=sure)
+            cost = belief.cost(fit.poses, fit.landmarks)
+            if cost < least:
+                found, least = fit, cost
+        if found is None:
             return
         belief.counts["batch restarts"] += 1
         best = np.argmax(found.responsibilities, axis=1)
         good = found.responsibilities.max(axis=1) > crediting.RESOLVED
         if not settings.swap:
-            good &= best == belief.data.label_of
+            good &= best == data.label_of
         belief.rebuild(found.poses, found.landmarks, np.where(good, best, DROPPED))
 
     def result(self, filtered: np.ndarray) -> OnlineEstimate:
