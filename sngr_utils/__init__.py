@@ -44,6 +44,7 @@ what stands above it in this list:
 `fastslam`        Rao-Blackwellised particle filter with associations in doubt
 `estimators`      all peers behind one call, and compared on the same worlds
 `plots`           ``draw_*(ax, data)``
+`peer_plots`      those of notebook 07
 `report`          results -> JSON -> LaTeX values and tables
 `bench`           the engines side by side, and the growth with the length of the trajectory
 `printed`         the paper's numbers with the digits it prints
@@ -51,8 +52,9 @@ what stands above it in this list:
 `rules`           how a verdict follows from a printed value and ours
 `parameters`      reads ``params/*.yaml`` and checks every value
 `bimodal` ...     one driver per notebook: `bimodal`, `trigger_sweep`, `full_sngr`, `cost`,
-                  `audit`
+                  `audit`, `peers`
 `audit_tables`    the tables of notebook 05
+`peer_tables`     the tables of notebook 07
 `claims`          what the paper claims, from ``paper/claims.yaml``
 `verdicts`        a verdict on every claim
 `verdict_tables`  the verdicts in LaTeX and in the README

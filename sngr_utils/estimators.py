@@ -51,10 +51,9 @@ class Estimate:
     ----------
     poses : (T, 3), [m, m, rad]
     landmarks : (K, 2), [m]; NaN where a method has none
-    position_covariances : (T, 2, 2) in the world frame, [m^2]. Robust losses and graduated
-        non-convexity: inverse of the reweighted Gauss-Newton information; mixtures: of the
-        chosen components; switches: integrated out; EM: Louis' (`association`); FastSLAM: the
-        spread of the histories
+    position_covariances : (T, 2, 2) in the world frame, [m^2]. Robust losses and GNC: inverse
+        of the reweighted Gauss-Newton information; mixtures: of the chosen components; switches
+        integrated out; EM: Louis' (`association`); FastSLAM: the spread of the histories
     """
 
     poses: np.ndarray
@@ -166,9 +165,8 @@ def compare(
 
     Returns
     -------
-    one row per p, seed, method and start: pose_rmse and landmark_rmse [m], nees (see
-    `expected_nees`), seconds (of CPU, without the start, which is shared: no two runs have the
-    same). The methods in `WITHOUT_START` have the start "none".
+    one row per p, seed, method and start ("none" for those in `WITHOUT_START`): pose_rmse and
+    landmark_rmse [m], nees (`expected_nees`), seconds of CPU, without the start, which is shared
 
     Raises
     ------
@@ -228,9 +226,7 @@ def _pairs(
 
 
 def relative_to_oracle(runs: pd.DataFrame) -> pd.DataFrame:
-    """`runs` with a column ratio: its pose RMSE over the oracle's on the same world.
-
-    The oracle is the one started from `REFERENCE_START`.
+    """`runs` with a column ratio: pose RMSE over the oracle's from `REFERENCE_START`, same world.
 
     Raises
     ------

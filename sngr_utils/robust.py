@@ -33,8 +33,7 @@ STARTS = {
     "first_poses": "least squares on the ranges of a landmark's first three dead-reckoned poses",
     "grid": "the best cell of a grid, by all ranges of a landmark, any of which may be wrong",
 }
-HUBER_K, CAUCHY_K, DCS_PHI, GEMAN_MCCLURE_C = 1.345, 2.3849, 1.0, 1.0
-INLIER_QUANTILE = 0.99
+HUBER_K, CAUCHY_K, DCS_PHI, GEMAN_MCCLURE_C, INLIER_QUANTILE = 1.345, 2.3849, 1.0, 1.0, 0.99
 GNC_SQUARED = stats.chi2.ppf(INLIER_QUANTILE, 1)  # threshold on r^2, and Geman and McClure's c^2
 
 Estimate = tuple[np.ndarray, np.ndarray]  # poses (T, 3) and landmarks (K, 2)
@@ -84,10 +83,9 @@ def solve(
     The ranges of its graph have the noise model that the loss gives them at the estimate, so
     that its marginals are the inverse of the reweighted Gauss-Newton information.
     """
-    poses, landmarks = start
-    sure = sure_factors(the_world, conventions, landmarks)
-    factors, values = gtsam.NonlinearFactorGraph(sure), values_of(poses, landmarks)
-    factors.push_back(range_factors(the_world, landmarks, method))
+    sure = sure_factors(the_world, conventions, start[1])
+    factors, values = gtsam.NonlinearFactorGraph(sure), values_of(*start)
+    factors.push_back(range_factors(the_world, start[1], method))
     if method in ("gnc_tls", "gnc_gm"):
         result, weights = _graduated(factors, values, method, known_inliers=range(sure.size()))
         factors = reweighted(factors, weights)

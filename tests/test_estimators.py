@@ -41,6 +41,18 @@ def test_every_method_answers_in_the_same_form_and_knows_nothing_of_the_truth(me
     assert (np.linalg.eigvalsh(found.position_covariances) > 0).all()
 
 
+@pytest.mark.parametrize("method", [m for m in estimators.METHODS if m != "dead_reckoning"])
+def test_a_landmark_seen_from_two_poses_only_is_left_out_by_every_method(method):
+    drawn = make(0.0)
+    kept = (drawn.label_of != 5) | (drawn.pose_of < 2)
+    parts = ("pose_of", "label_of", "source_of", "ranges")
+    found = estimate(replace(drawn, **{name: getattr(drawn, name)[kept] for name in parts}), method)
+    assert np.isfinite(found.poses).all()
+    assert np.isnan(found.landmarks[5]).all()
+    assert np.isfinite(found.landmarks[:5]).all()
+    assert (np.linalg.eigvalsh(found.position_covariances) > 0).all()
+
+
 def test_dead_reckoning_is_what_odometry_says():
     drawn = make(0.3)
     found = estimate(drawn, "dead_reckoning")

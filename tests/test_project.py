@@ -23,11 +23,13 @@ ORDER = [
     "posterior", "engines", "refine", "baseline", "corrected",
     "window_audit", "sampler_audit", "refined_sweep",
     "sweeps", "robust", "association", "switchable", "mixtures",
-    "crossings", "particles", "fastslam", "estimators", "plots", "report", "bench", "printed",
-    "contradictions", "rules", "parameters", "bimodal", "trigger_sweep", "full_sngr", "cost",
-    "audit_tables", "audit", "claims", "verdicts", "verdict_tables", "run", "verify",
+    "crossings", "particles", "fastslam", "estimators", "plots", "peer_plots", "report", "bench",
+    "printed", "contradictions", "rules", "parameters", "bimodal", "trigger_sweep",
+    "full_sngr", "cost",
+    "audit_tables", "audit", "peer_tables", "peers", "claims", "verdicts",
+    "verdict_tables", "run", "verify",
 ]  # fmt: skip
-DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost", "audit"}
+DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost", "audit", "peers"}
 
 
 def test_no_global_random_state():

@@ -1,0 +1,93 @@
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from sngr_utils import estimators, parameters, paths, peer_plots, peer_tables, peers, report, style
+
+
+@pytest.fixture(scope="module")
+def quick():
+    given = parameters.read_params("07_peers", paths.PARAMS / "quick")
+    return peers.Config(**{**given, "jobs": 1, "n_seeds": 2, "n_poses": 15})
+
+
+@pytest.fixture(scope="module")
+def runs(quick):
+    return peers.run(quick)
+
+
+def test_every_method_from_every_start_it_has(quick, runs):
+    n = len(quick.p_levels) * quick.n_seeds
+    assert (runs[runs["start"] != "first_poses"].groupby("method").size() == n).all()
+    other = runs[runs["start"] == "first_poses"]
+    assert not set(other["method"]) & set(estimators.WITHOUT_START)
+    assert set(other["p"]) == set(quick.p_starts)
+
+
+def test_losses_and_weights_fit_each_other():
+    """w(r) = rho'(r) / r for every kernel, away from the kinks of the truncated ones."""
+    r, h = np.array([0.3, 0.8, 1.2, 2.0, 4.0, 5.5]), 1e-5
+    scenario = peers.Config().scenario
+    up, at, down = (peers.kernels(r + step, scenario) for step in (h, 0.0, -h))
+    assert len(at) == 8
+    for name, (_, weight) in at.items():
+        slope = (up[name][0] - down[name][0]) / (2 * h)
+        assert np.allclose(slope / r, weight, atol=1e-4), name
+
+
+def test_the_square_settles_where_no_range_is_and_the_others_among_most():
+    x = np.linspace(2.6, 4.4, 1801)
+    ranges, costs = peers.pull(peers.Config(), x)
+    best = {name: x[np.argmin(cost)] for name, cost in costs.items()}
+    assert best.pop("least_squares") == pytest.approx(ranges.mean(), abs=1e-3)
+    assert np.abs(ranges - ranges.mean()).min() > 0.1
+    for name, place in best.items():
+        assert abs(place - 3) < (0.1 if name == "huber" else 0.05), name
+
+
+def test_the_ambiguous_range_is_shared_by_probabilities(quick):
+    one = peers.ambiguous(quick)
+    for shares in one.beliefs.values():
+        assert shares.sum() == pytest.approx(1)
+    assert one.beliefs["em"].max() < 0.99
+    assert np.argmax(one.beliefs["max_mixture_all"]) in np.argsort(one.beliefs["em"])[-2:]
+    assert np.argmax(one.beliefs["prior"]) == one.label
+
+
+def test_peer_tables_figures_and_values(quick, runs, tmp_path):
+    n_methods, n_levels = len(estimators.METHODS), len(quick.p_levels)
+    assert peer_tables.by_method(runs, "ratio").shape == (n_methods, 1 + n_levels)
+    assert peer_tables.start_table(runs).shape == (n_methods - 3, 1 + 2 * len(quick.p_starts))
+    table = peer_tables.test_table(runs, peers.BEST)
+    assert table.shape == (n_methods, 1 + 3)  # one level above zero
+    assert (table.iloc[:, 2] == report.NONE).sum() == 1
+    assert len(peer_tables.time_table(runs)) == n_methods
+    to = report.Report("x", tmp_path)
+    peers.record(quick, runs, to)
+    to.save()
+    saved = report.entries(report.read_json(tmp_path / "x.json"))
+    assert saved["peers.oracle.grid.p0.4.ratio"]["value"] == 1
+    assert saved["peers.em.first_poses.p0.4.lost"]["unit"] == "%"
+    style.use_style()
+    one = peers.ambiguous(quick)
+    x = np.linspace(2, 4, 11)
+    fig, axes = style.panels(10, 2.5, 5)
+    ranges, costs = peers.pull(quick, x)
+    peer_plots.draw_pull(axes[0], ranges, peers.N_WRONG, x, costs)
+    peer_plots.draw_curves(axes[1], x, costs, xlabel="x")
+    peer_plots.legend_right(axes[1])
+    peer_plots.draw_range(axes[2], one.position, one.distance, one.landmarks, one.label, one.source)
+    peer_plots.draw_beliefs(axes[3], one.beliefs)
+    peer_plots.draw_ratios(axes[4], peer_tables.ratio_series(runs))
+    to.figure(fig, "all")
+    plt.close(fig)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("n_seeds", 1), ("p_starts", [0.15]), ("p_levels", [0.2, 0.2]), ("n_particles", 1),
+     ("p_levels", [0.0]), ("jobs", 0)],
+)  # fmt: skip
+def test_bad_parameters_are_named(name, value):
+    with pytest.raises(ValueError, match=name):
+        peers.Config(**{name: value})
