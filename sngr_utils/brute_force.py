@@ -51,9 +51,7 @@ class Reference:
         """(n,) posterior mass of each of n classes of points, from (N,) int labels"""
         return np.bincount(labels, self.weights, minlength=n)
 
-    def divergence(
-        self, log_other: Callable[[np.ndarray], np.ndarray]
-    ) -> tuple[float, float]:  # fmt: skip
+    def divergence(self, log_other: Callable[[np.ndarray], np.ndarray]) -> tuple[float, float]:
         """KL(posterior || other), [nats], and its error; `log_other` of (N, d) points."""
         return self.mean(self.log_density - log_other(self.points))
 
@@ -65,9 +63,7 @@ class Reference:
         return mean, (self.weights[:, None] * centred).T @ centred
 
 
-def landmark_reference(
-    target: Landmark, n_radii: int = 56, n_angles: int = 720
-) -> Reference:  # fmt: skip
+def landmark_reference(target: Landmark, n_radii: int = 40, n_angles: int = 720) -> Reference:
     """Quadrature of a landmark's posterior on a polar grid about the first mean position.
 
     Parameters

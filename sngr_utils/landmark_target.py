@@ -6,14 +6,46 @@ density, so that the integral over the plane is the evidence of the ranges.
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numba.extending import overload
 
+from sngr_utils.compiled_nested import evaluate
+from sngr_utils.compiled_walk import normal_quantile
 from sngr_utils.jit import compile_once
 from sngr_utils.window_target import chain_positions
 from sngr_utils.world import World, dead_reckoning
 
 STEP = 1e-5  # of the forward differences, in standard deviations of a noise
+
+
+class LandmarkFactors(NamedTuple):
+    """A landmark over a prior to look in: what `compiled_nested.sample` calls `factors`.
+
+    Attributes
+    ----------
+    poses, points : (n, 2) mean positions of the ranges, [m]; nothing
+    covariance, ranges, variance, centre, prior_sigma : of `Landmark`
+    is_ring : whether the prior is a ring; a point is then two normals, else an offset from `mean`
+    mean : (2,) of the Gaussian, or the centre of the ring, [m]
+    precision, log_det : (2, 2) of the Gaussian, and the log of its determinant
+    distance, sigma : radius of the ring and its standard deviation, [m]
+    """
+
+    poses: np.ndarray
+    points: np.ndarray
+    covariance: np.ndarray
+    ranges: np.ndarray
+    variance: float
+    centre: np.ndarray
+    prior_sigma: float
+    is_ring: bool
+    mean: np.ndarray
+    precision: np.ndarray
+    log_det: float
+    distance: float
+    sigma: float
 
 
 @dataclass(frozen=True)
@@ -46,6 +78,23 @@ class Landmark:
         return _landmark(
             np.ascontiguousarray(points, dtype=float), self.positions, self.covariance,
             self.ranges, self.range_sigma**2, self.centre, self.prior_sigma,
+        )  # fmt: skip
+
+    def over_ring(self) -> LandmarkFactors:
+        """The target over the ring of its first range around the first mean position."""
+        return self._over(self.positions[0], np.eye(2), True)
+
+    def over(self, mean: np.ndarray, lower: np.ndarray) -> LandmarkFactors:
+        """The target over the prior N(mean, L L^T), `lower` being the (2, 2) L."""
+        return self._over(mean, lower, False)
+
+    def _over(self, mean: np.ndarray, lower: np.ndarray, is_ring: bool) -> LandmarkFactors:
+        inverse = np.linalg.inv(lower)
+        return LandmarkFactors(
+            self.positions, np.zeros((0, 2)), self.covariance, self.ranges, self.range_sigma**2,
+            self.centre, float(self.prior_sigma), is_ring, np.array(mean, dtype=float),
+            inverse.T @ inverse, 2 * float(np.log(np.diag(inverse)).sum()), float(self.ranges[0]),
+            float(self.first_sigma),
         )  # fmt: skip
 
     @property
@@ -114,33 +163,87 @@ def predicted_positions(
     return dead_reckoning(world.x0_mean, world.odometry[: n - 1])[:, :2], jacobian.T @ jacobian
 
 
+# --- compiled -------------------------------------------------------------------------------
+
+
 @compile_once
 def _landmark(points, positions, covariance, ranges, variance, centre, prior_sigma):
-    """Log prior plus log N(ranges; distances, variance I + U P U^T) at every point."""
-    n = len(ranges)
-    out, lower, error = np.empty(len(points)), np.empty((n, n)), np.empty(n)
-    rays = np.empty((n, 2))
-    constant = -0.5 * n * math.log(2 * math.pi)
-    constant -= math.log(2 * math.pi) + 2 * math.log(prior_sigma)
+    """(N,) `_density` at (N, 2) places."""
+    out = np.empty(len(points))
     for k in range(len(points)):
-        dx, dy = points[k, 0] - centre[0], points[k, 1] - centre[1]
-        total = constant - 0.5 * (dx * dx + dy * dy) / (prior_sigma * prior_sigma)
-        for i in range(n):
-            dx, dy = points[k, 0] - positions[i, 0], points[k, 1] - positions[i, 1]
-            distance = math.sqrt(dx * dx + dy * dy) + 1e-12
-            rays[i, 0], rays[i, 1], error[i] = dx / distance, dy / distance, distance - ranges[i]
-        for i in range(n):
-            for j in range(i + 1):
-                value = variance if i == j else 0.0
-                for a in range(2):
-                    for b in range(2):
-                        value += rays[i, a] * covariance[2 * i + a, 2 * j + b] * rays[j, b]
-                for m in range(j):
-                    value -= lower[i, m] * lower[j, m]
-                lower[i, j] = math.sqrt(value) if i == j else value / lower[j, j]
-            for j in range(i):
-                error[i] -= lower[i, j] * error[j]
-            error[i] /= lower[i, i]
-            total -= 0.5 * error[i] * error[i] + math.log(lower[i, i])
-        out[k] = total
+        x, y = points[k, 0], points[k, 1]
+        out[k] = _density(x, y, positions, covariance, ranges, variance, centre, prior_sigma)
     return out
+
+
+@compile_once
+def _density(x, y, positions, covariance, ranges, variance, centre, prior_sigma):
+    """Log prior plus log N(ranges; distances, variance I + U P U^T), by a Cholesky factor."""
+    n = len(ranges)
+    lower, error, rays = np.empty((n, n)), np.empty(n), np.empty((n, 2))
+    dx, dy = (x - centre[0]) / prior_sigma, (y - centre[1]) / prior_sigma
+    total = -0.5 * (dx * dx + dy * dy + (n + 2) * math.log(2 * math.pi)) - 2 * math.log(prior_sigma)
+    for i in range(n):
+        dx, dy = x - positions[i, 0], y - positions[i, 1]
+        distance = math.sqrt(dx * dx + dy * dy) + 1e-12
+        rays[i, 0], rays[i, 1], error[i] = dx / distance, dy / distance, distance - ranges[i]
+    for i in range(n):
+        for j in range(i + 1):
+            value = variance if i == j else 0.0
+            for a in range(2):
+                for b in range(2):
+                    value += rays[i, a] * covariance[2 * i + a, 2 * j + b] * rays[j, b]
+            for m in range(j):
+                value -= lower[i, m] * lower[j, m]
+            lower[i, j] = math.sqrt(value) if i == j else value / lower[j, j]
+        for j in range(i):
+            error[i] -= lower[i, j] * error[j]
+        error[i] /= lower[i, i]
+        total -= 0.5 * error[i] * error[i] + math.log(lower[i, i])
+    return total
+
+
+@compile_once
+def ring_place(centre, distance, sigma, z):
+    """Place at a uniform angle and a Gaussian radius that is not negative, from two normals."""
+    angle = math.pi * math.erfc(-z[0] / math.sqrt(2))
+    below = 0.5 * math.erfc(distance / (sigma * math.sqrt(2)))
+    share = below + (1 - below) * 0.5 * math.erfc(-z[1] / math.sqrt(2))
+    radius = distance + sigma * normal_quantile(min(max(share, 1e-300), 1 - 1e-16))
+    return centre[0] + radius * math.cos(angle), centre[1] + radius * math.sin(angle)
+
+
+@compile_once
+def ring_density(dx, dy, distance, sigma):
+    """Log density of `ring_place` over the plane at an offset from its centre, [nats].
+
+    A ring of radius r is 2 pi r long, so that the density over the plane is that of the radius
+    over 2 pi r. The range factor itself has no such term: leaving it out of the weights would
+    favour the outside of the ring.
+    """
+    radius = math.sqrt(dx * dx + dy * dy)
+    error = (radius - distance) / sigma
+    held = 0.5 * math.erfc(-distance / (sigma * math.sqrt(2)))
+    return -0.5 * error * error - math.log(sigma * held * radius) - 1.5 * math.log(2 * math.pi)
+
+
+@overload(evaluate)
+def _evaluate_landmark(factors, x, poses, points, limit):
+    if getattr(factors, "instance_class", None) is LandmarkFactors:
+        return lambda factors, x, poses, points, limit: _landmark_energy(factors, x)
+    return None
+
+
+@compile_once
+def _landmark_energy(f, x):
+    """Minus the log of the target over the prior, [nats]."""
+    if f.is_ring:
+        px, py = ring_place(f.mean, f.distance, f.sigma, x)
+        prior = ring_density(px - f.mean[0], py - f.mean[1], f.distance, f.sigma)
+    else:
+        px, py, q = f.mean[0] + x[0], f.mean[1] + x[1], f.precision
+        half = 0.5 * (q[0, 0] * x[0] * x[0] + q[1, 1] * x[1] * x[1]) + q[0, 1] * x[0] * x[1]
+        prior = -half - math.log(2 * math.pi) + 0.5 * f.log_det
+    return prior - _density(
+        px, py, f.poses, f.covariance, f.ranges, f.variance, f.centre, f.prior_sigma
+    )

@@ -21,7 +21,7 @@ from sngr_utils.window_target import LOG_TAU
 LEAST_SHARE = 0.02  # of the draws that each mode gets, however light
 STEP = 1e-4  # of the differences
 MIN_DRAWS = 20  # of a mode
-N_RING = 24  # starts around a ring
+N_RING = 16  # starts around a ring
 
 Target = Callable[[np.ndarray], np.ndarray]
 
@@ -52,20 +52,18 @@ class Modes:
     def log_gaussian(self, mode: int, points: np.ndarray) -> np.ndarray:
         """(N,) log density of one mode's Gaussian at (N, d) points, [nats]"""
         spread = np.linalg.cholesky(self.covariances[mode])
-        away = np.linalg.solve(spread, (points - self.places[mode]).T)
+        away = (points - self.places[mode]) @ np.linalg.inv(spread).T
         constant = 0.5 * len(spread) * LOG_TAU + np.log(np.diag(spread)).sum()
-        return -0.5 * np.sum(away**2, axis=0) - constant
+        return -0.5 * np.sum(away**2, axis=1) - constant
 
     def label(self, points: np.ndarray) -> np.ndarray:
         """(N,) int: the mode that most likely made each of (N, d) points, all being Gaussian."""
-        each = [
-            mass + self.log_gaussian(m, points) for m, mass in enumerate(self.log_masses)
-        ]  # fmt: skip
+        each = [mass + self.log_gaussian(m, points) for m, mass in enumerate(self.log_masses)]
         return np.argmax(each, axis=0)
 
 
 def ring_starts(target: Landmark) -> np.ndarray:
-    """(24, 2) places at equal angles on the ring of a landmark's first range, [m]"""
+    """(16, 2) places at equal angles on the ring of a landmark's first range, [m]"""
     angles = 2 * np.pi * np.arange(N_RING) / N_RING
     ring = target.ranges[0] * np.column_stack([np.cos(angles), np.sin(angles)])
     return target.positions[0] + ring
@@ -129,9 +127,7 @@ def mixture_draws(target: Target, modes: Modes, n: int, *, rng: np.random.Genera
         multivariate_t(place, covariance, df=DEGREES)
         for place, covariance in zip(modes.places, modes.covariances, strict=True)
     ]
-    draws = [
-        law.rvs(count, random_state=rng) for law, count in zip(laws, counts, strict=True)
-    ]  # fmt: skip
+    draws = [law.rvs(count, random_state=rng) for law, count in zip(laws, counts, strict=True)]
     points, total = np.concatenate(draws), counts.sum()
     proposal = np.logaddexp.reduce([
         np.log(c / total) + law.logpdf(points) for c, law in zip(counts, laws, strict=True)

@@ -124,8 +124,10 @@ class Window:
 
     def positions(self, noises: np.ndarray) -> np.ndarray:
         """(N, n, 2) positions that (N, 3n) noises lead to, [m]"""
-        return chain_positions(np.ascontiguousarray(noises), self.x0_mean, self.x0_sigmas, self.odometry,
-                      self.odometry_sigmas)  # fmt: skip
+        return chain_positions(
+            np.ascontiguousarray(noises), self.x0_mean, self.x0_sigmas, self.odometry,
+            self.odometry_sigmas,
+        )  # fmt: skip
 
 
 def window_of(world: World, x0_sigmas: list[float], p: float, n_ranges: int) -> Window:

@@ -45,7 +45,7 @@ def test_a_gaussian_prior_is_drawn_as_it_is_weighed():
 
 @pytest.mark.parametrize("n", [0, 2, 3])
 def test_evidence_and_masses_of_a_landmark(n):
-    """dynesty from the ring against quadrature: four of its own errors, and masses to 0.15, some
+    """From the ring, against quadrature: four of the run's own errors, and masses to 0.15, some
     four standard deviations at 200 live points."""
     target = landmark_target.landmark_of(a_world(), SIGMAS, 5.0, 0, n) if n else anchors()
     reference = brute_force.landmark_reference(target)
@@ -68,7 +68,7 @@ def test_root_to_leaves_agrees_with_poses_integrated_out():
     )  # fmt: skip
     prior = ancestral.tree(joint)
     assert prior.dimension == 8
-    run = ancestral.sample(joint, prior, SETTINGS, rng=np.random.default_rng(3))
+    run = ancestral.sample_dynesty(joint, prior, SETTINGS, rng=np.random.default_rng(3))
     reference = brute_force.landmark_reference(plane)
     assert abs(run.log_evidence - reference.log_evidence) < 4 * run.log_evidence_error + 0.05
     modes = many_starts.find_modes(plane, many_starts.ring_starts(plane))
@@ -76,13 +76,22 @@ def test_root_to_leaves_agrees_with_poses_integrated_out():
     assert first == pytest.approx(0.5, abs=0.2)
 
 
-def test_the_compiled_sampler_sees_the_same_density():
-    target, rng = window(2), np.random.default_rng(4)
-    spread = rng.standard_normal((9, 9)) / 9 + np.eye(9)
-    prior = ancestral.gaussian(0.1 * rng.standard_normal(9), spread @ spread.T, 1.0)
-    factors = target.over(prior.mean, prior.lower)
-    points = prior.draw(20, rng=rng)
-    energies = [compiled_nested.energy_at(factors, point - prior.mean) for point in points]
+@pytest.mark.parametrize("kind", ["window", "gaussian", "ring"])
+def test_the_compiled_sampler_sees_the_same_density(kind):
+    rng = np.random.default_rng(4)
+    target = window(2) if kind == "window" else landmark_target.landmark_of(
+        a_world(), SIGMAS, 5.0, 0, 3
+    )  # fmt: skip
+    d = target.dimension
+    spread, mean = rng.standard_normal((d, d)) / 9 + np.eye(d), rng.standard_normal(d)
+    prior = ancestral.gaussian(mean, spread @ spread.T, 1.0)
+    if kind == "ring":
+        prior = ancestral.ring(target)
+    normals = rng.standard_normal((20, d))
+    energies = [
+        compiled_nested.energy_at(prior.factors(target), prior.lower @ z) for z in normals
+    ]  # fmt: skip
+    points = np.array([prior.push(z) for z in normals])
     np.testing.assert_allclose(energies, prior.log_density(points) - target(points), atol=1e-9)
 
 
@@ -96,27 +105,34 @@ def test_evidence_and_masses_of_a_window(n_ranges):
     tree = ancestral.tree(target)
     modes = many_starts.find_modes(target, tree.draw(16, rng=rng))
     exact = reference.masses(modes.label(reference.points), len(modes.places))
-    run = ancestral.sample_window(target, tree, settings, rng=rng)
+    run = ancestral.sample(target, tree, settings, rng=rng)
     error = math.hypot(run.log_evidence_error, reference.log_evidence_error)
     assert abs(run.log_evidence - reference.log_evidence) < 4 * error + 0.1
     found = np.bincount(modes.label(run.samples), run.weights, minlength=len(exact))
     np.testing.assert_allclose(found, exact, atol=0.15)
 
 
-def test_dynesty_and_the_compiled_sampler_agree():
-    target = window(2)
-    tree = ancestral.tree(target)
+@pytest.mark.parametrize("case", ["window", "ring", "wide"])
+def test_dynesty_and_the_compiled_sampler_agree(case):
+    """Four standard errors of both, and no ring or Gaussian left out."""
+    if case == "window":
+        target = window(2)
+        prior = ancestral.tree(target)
+    else:
+        target = anchors()
+        wide = ancestral.gaussian(target.centre, np.eye(2), 25.0)
+        prior = ancestral.ring(target) if case == "ring" else wide
     runs = [
-        sampler(target, tree, SETTINGS, rng=np.random.default_rng(6))
-        for sampler in (ancestral.sample, ancestral.sample_window)
+        sampler(target, prior, SETTINGS, rng=np.random.default_rng(6))
+        for sampler in (ancestral.sample_dynesty, ancestral.sample)
     ]
     error = math.hypot(*(run.log_evidence_error for run in runs))
     assert abs(runs[0].log_evidence - runs[1].log_evidence) < 4 * error
 
 
 def test_the_compiled_sampler_refuses_what_it_cannot_do():
-    target, rng = window(), np.random.default_rng(7)
-    with pytest.raises(ValueError, match="prior is not Gaussian"):
-        ancestral.sample_window(target, ancestral.ring(anchors()), SETTINGS, rng=rng)
+    target = replace(window(), unknown=True)
+    with pytest.raises(ValueError, match="unknown landmark"):
+        ancestral.sample(target, ancestral.tree(target), SETTINGS, rng=np.random.default_rng(7))
     with pytest.raises(ValueError, match="unknown"):
-        replace(target, unknown=True).over(np.zeros(9), np.eye(9))
+        target.over(np.zeros(9), np.eye(9))

@@ -66,13 +66,12 @@ def test_noises_of_a_window_are_the_residuals_of_gtsams_factors():
 
 @pytest.mark.parametrize("n", [2, 4])
 def test_integrating_poses_out_to_first_order_is_accurate(n):
-    """Against a Monte Carlo mean over the poses, at places where the posterior is. A false alarm
-    is a deviation of five standard errors at one of six places: less than 1e-5."""
+    """Against a Monte Carlo mean over the poses, at places drawn from the posterior: to 5 %. A
+    false alarm is a deviation of five more standard errors at one of six places: less than 1e-5."""
     the_world, rng = a_world(), np.random.default_rng(2)
     target = landmark_target.landmark_of(the_world, SIGMAS, 5.0, 0, n)
     reference = brute_force.landmark_reference(target)
-    heavy = np.argsort(-reference.weights)[:3000]
-    places = reference.points[rng.choice(heavy, 3)]
+    places = reference.points[rng.choice(len(reference.points), 3, p=reference.weights)]
     mine = np.flatnonzero(the_world.label_of == 0)[:n]
     joint = replace(
         window_target.window_of(the_world, SIGMAS, 0.0, 1), unknown=True, prior_sigma=5.0,
@@ -86,7 +85,7 @@ def test_integrating_poses_out_to_first_order_is_accurate(n):
         density = np.exp(joint(points) - prior)
         error = density.std() / math.sqrt(len(density))
         exact = math.exp(target(place[None])[0])
-        assert abs(density.mean() - exact) < 5 * error + 0.02 * exact
+        assert abs(density.mean() - exact) < 5 * error + 0.05 * exact
 
 
 def test_a_landmark_that_a_range_cannot_belong_to_does_not_count():
