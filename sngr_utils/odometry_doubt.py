@@ -12,6 +12,7 @@ from sngr_utils import association, crediting, place
 from sngr_utils.belief import SLIP_SIGMA, Belief
 
 SLIP_ODDS = np.log(100.0)  # nats that a slip must gain: one step in a hundred slips
+ROUGH = 3.0  # nats that a rough evidence may miss; within them nested sampling is asked
 STEP_LIMIT = stats.chi2.ppf(1 - 1e-4, 3)  # squared normalised error of a step that slipped
 
 
@@ -36,11 +37,13 @@ def find_robot(belief: Belief, *, rng: np.random.Generator) -> None:
         belief.landmarks[k], data.ranges[m], own + data.scenario.range_sigma**2, 1 - prior,
         data.ranges.max(), belief.poses[-1, :2], sigma if lost else SLIP_SIGMA,
     )  # fmt: skip
+    here = np.exp(-0.5 * found.squared[m, k]) / np.sqrt(2 * np.pi * found.variances[m, k])
+    trusted = np.log(prior * here + (1 - prior) / data.ranges.max()).sum()
+    if not lost and place.rough_evidence(evidence) - trusted < SLIP_ODDS - ROUGH:
+        return
     belief.counts["position samples"] += 1
     cloud = place.sample(evidence, rng=rng)
     if not lost:
-        here = np.exp(-0.5 * found.squared[m, k]) / np.sqrt(2 * np.pi * found.variances[m, k])
-        trusted = np.log(prior * here + (1 - prior) / data.ranges.max()).sum()
         if cloud.log_evidence - trusted < SLIP_ODDS:
             return
         belief.slipped.add(t - 1)
