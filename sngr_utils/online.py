@@ -35,7 +35,8 @@ class Settings(Checked):
     sweep : earlier ranges are credited anew at every step
     restart : in trouble, EM over all data so far is tried, and adopted where it is likelier
     doubt_odometry : a scan may overrule the odometry
-    louis : the covariance admits that associations are uncertain
+    soft : what is read out at the end, estimate and covariance, admits that associations are
+        uncertain; else those of the graph, which takes them for certain
     p : probability of a wrong label; None estimates it
     """
 
@@ -46,7 +47,7 @@ class Settings(Checked):
     sweep: bool = True
     restart: bool = True
     doubt_odometry: bool = True
-    louis: bool = True
+    soft: bool = True
     p: Probability | None = None
 
 
@@ -212,18 +213,22 @@ class Online:
         belief.smoother.settle(SETTLING)
         belief.refresh()
         data, used = belief.data, belief.credit.used
-        if self.settings.louis:
-            weights = association.responsibilities(
-                data, belief.poses, belief.landmarks, belief.p, 1.0, self.settings.exclusive
+        start = belief.poses, belief.landmarks
+        if self.settings.soft:
+            sure = belief.smoother.factors(*SURE)
+            found = association.fit(
+                data, belief.conventions, start, self.settings.exclusive, 1.0, sure
             )
+            poses, landmarks = found.poses, found.landmarks
+            covariances = found.position_covariances
         else:
-            weights = np.eye(data.n_landmarks + 1)[used]  # the last column for -1
-        covariances = association.position_covariances(
-            belief.smoother.factors(*SURE), data, belief.poses, belief.landmarks, weights
-        )
+            poses, landmarks = start
+            covariances = association.position_covariances(
+                belief.smoother.factors(*SURE), data, *start, np.eye(data.n_landmarks + 1)[used]
+            )
         belief.counts["slips"] = len(belief.slipped)
         belief.counts["dropped"] = int(np.sum(used == DROPPED))
         belief.counts["swapped"] = int(np.sum((used != DROPPED) & (used != data.label_of)))
         return OnlineEstimate(
-            belief.poses, belief.landmarks, used, covariances, belief.p, filtered, belief.counts
+            poses, landmarks, used, covariances, belief.p, filtered, belief.counts
         )
