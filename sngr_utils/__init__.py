@@ -43,8 +43,17 @@ what stands above it in this list:
 `particles`       the loops of FastSLAM, compiled
 `fastslam`        Rao-Blackwellised particle filter with associations in doubt
 `estimators`      all peers behind one call, and compared on the same worlds
+`place`           the posterior of one place, from ranges any of which may be wrong
+`crediting`       to which landmark a range is credited: innovations, gate, posterior
+`smoother`        iSAM2 with factors that have names and can be taken out
+`belief`          what the online estimator holds
+`landmark_start`  landmarks that wait until their place is known
+`odometry_doubt`  steps of the odometry that slipped, and where the robot is then
+`online`          association-aware SNGR, online
+`online_study`    the same over many worlds: variants, slips, a film
 `plots`           ``draw_*(ax, data)``
 `peer_plots`      those of notebook 07
+`online_plots`    those of notebook 08
 `report`          results -> JSON -> LaTeX values and tables
 `bench`           the engines side by side, and the growth with the length of the trajectory
 `printed`         the paper's numbers with the digits it prints
@@ -52,9 +61,10 @@ what stands above it in this list:
 `rules`           how a verdict follows from a printed value and ours
 `parameters`      reads ``params/*.yaml`` and checks every value
 `bimodal` ...     one driver per notebook: `bimodal`, `trigger_sweep`, `full_sngr`, `cost`,
-                  `audit`, `peers`
+                  `audit`, `peers`, `association_aware`
 `audit_tables`    the tables of notebook 05
 `peer_tables`     the tables of notebook 07
+`online_tables`   the tables of notebook 08
 `claims`          what the paper claims, from ``paper/claims.yaml``
 `verdicts`        a verdict on every claim
 `verdict_tables`  the verdicts in LaTeX and in the README

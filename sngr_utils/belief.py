@@ -169,10 +169,13 @@ class Belief:
         )
 
     def cost(self, poses: np.ndarray, landmarks: np.ndarray) -> float:
-        """Minus the log posterior of an estimate, associations summed out, [nats]."""
+        """Minus the log posterior of an estimate, associations summed out, [nats].
+
+        Without the weak priors on landmarks, which sit where each estimate started.
+        """
         exact = crediting.exact(self.data, poses, landmarks)
         fit = np.logaddexp.reduce(crediting.log_weights(self.data, exact, self.p), axis=1)
-        sure = self.smoother.factors(*SURE)
+        sure = self.smoother.factors("x0", "odometry")
         return sure.error(robust.values_of(poses, landmarks)) - float(fit.sum())
 
     def credit_fitting(

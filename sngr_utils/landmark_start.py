@@ -43,8 +43,10 @@ def start_landmarks(
             belief.insert(k, best.mean, used)
 
 
-def witnesses(belief: Belief, k: int) -> tuple[np.ndarray, place.Evidence | None]:
-    """The ranges that may well be landmark k's, and what they say; None if too few poses do.
+def witnesses(
+    belief: Belief, k: int, least: int = POSES_NEEDED
+) -> tuple[np.ndarray, place.Evidence | None]:
+    """The ranges that may well be landmark k's, and what they say; None if from too few poses.
 
     They are credited to no landmark so far, and the label and the others that wait leave k a
     fair chance.
@@ -54,7 +56,7 @@ def witnesses(belief: Belief, k: int) -> tuple[np.ndarray, place.Evidence | None
     chances = belief.credit.weights[:, -1] * prior[:, k] / prior[:, absent].sum(axis=1)
     mine = np.flatnonzero((belief.credit.used == DROPPED) & (chances > LIKELY))
     seen_from = data.pose_of[mine]
-    if len(np.unique(seen_from)) < POSES_NEEDED:
+    if len(np.unique(seen_from)) < least:
         return mine, None
     spread = np.trace(belief.covariance().poses[:, :2, :2], axis1=1, axis2=2) / 2
     anchors, ranges = belief.poses[seen_from, :2], data.ranges[mine]

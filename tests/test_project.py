@@ -23,13 +23,16 @@ ORDER = [
     "posterior", "engines", "refine", "baseline", "corrected",
     "window_audit", "sampler_audit", "refined_sweep",
     "sweeps", "robust", "association", "switchable", "mixtures",
-    "crossings", "particles", "fastslam", "estimators", "plots", "peer_plots", "report", "bench",
+    "crossings", "particles", "fastslam", "estimators",
+    "place", "crediting", "smoother", "belief", "landmark_start", "odometry_doubt", "online",
+    "online_study", "plots", "peer_plots", "online_plots", "report", "bench",
     "printed", "contradictions", "rules", "parameters", "bimodal", "trigger_sweep",
     "full_sngr", "cost",
-    "audit_tables", "audit", "peer_tables", "peers", "claims", "verdicts",
+    "audit_tables", "audit", "peer_tables", "peers",
+    "online_tables", "association_aware", "claims", "verdicts",
     "verdict_tables", "run", "verify",
 ]  # fmt: skip
-DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost", "audit", "peers"}
+DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost", "audit", "peers", "association_aware"}
 
 
 def test_no_global_random_state():
