@@ -26,6 +26,7 @@ what stands above it in this list:
 `many_starts`     their modes by optimisation, and importance sampling about them
 `brute_force`     their references by quadrature and by particle filters
 `ancestral`       nested sampling inside a Gaussian, a ring or a spanning tree
+`contest`         five methods on one small posterior, against its reference
 `posterior`       a window's posterior under all factors, each counted once
 `engines`         the four ways to sample a window, behind one call
 `refine`          the paper's algorithm and its trigger-only baseline
@@ -55,16 +56,18 @@ what stands above it in this list:
 `peer_plots`      those of notebook 07
 `online_plots`    those of notebook 08
 `report`          results -> JSON -> LaTeX values and tables
+`multimodal_plots`  ``draw_*(ax, data)`` of notebook 09
 `bench`           the engines side by side, and the growth with the length of the trajectory
 `printed`         the paper's numbers with the digits it prints
 `contradictions`  where those numbers contradict each other
 `rules`           how a verdict follows from a printed value and ours
 `parameters`      reads ``params/*.yaml`` and checks every value
 `bimodal` ...     one driver per notebook: `bimodal`, `trigger_sweep`, `full_sngr`, `cost`,
-                  `audit`, `peers`, `association_aware`
+                  `audit`, `peers`, `association_aware`, `multimodal`
 `audit_tables`    the tables of notebook 05
 `peer_tables`     the tables of notebook 07
 `online_tables`   the tables of notebook 08
+`multimodal_tables`  those of notebook 09
 `claims`          what the paper claims, from ``paper/claims.yaml``
 `verdicts`        a verdict on every claim
 `verdict_tables`  the verdicts in LaTeX and in the README

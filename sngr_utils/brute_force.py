@@ -16,6 +16,7 @@ from sngr_utils.landmark_target import Landmark
 from sngr_utils.metrics import effective_sample_size
 from sngr_utils.window_target import Window
 
+N_RADII, N_ANGLES = 40, 720  # cells of the polar grid
 REACH = 7.0  # standard deviations of the first range that the grid covers to either side
 
 
@@ -63,7 +64,9 @@ class Reference:
         return mean, (self.weights[:, None] * centred).T @ centred
 
 
-def landmark_reference(target: Landmark, n_radii: int = 40, n_angles: int = 720) -> Reference:
+def landmark_reference(
+    target: Landmark, n_radii: int = N_RADII, n_angles: int = N_ANGLES
+) -> Reference:
     """Quadrature of a landmark's posterior on a polar grid about the first mean position.
 
     Parameters

@@ -10,7 +10,7 @@ import joblib
 import numpy as np
 from pydantic import field_validator
 
-from sngr_utils import chain, compiled, compiled_nested, importance
+from sngr_utils import chain, compiled, compiled_nested, contest, importance, mirror
 from sngr_utils.compiled_walk import CompiledWalk
 from sngr_utils.nested import (
     LocalLikelihood,
@@ -170,6 +170,8 @@ def compile_all() -> None:
         x0_mean=np.zeros(3), x0_sigmas=np.ones(3), odometry_sigmas=np.ones(3),
         landmark_prior_sigma=1.0, range_sigma=1.0,
     )  # fmt: skip
+    mirror.mirror_test(np.zeros((1, 2)), np.ones(1), np.ones(1), np.ones(2))
+    contest.compile_all()
 
 
 def sample_windows(

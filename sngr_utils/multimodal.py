@@ -12,11 +12,10 @@ from sngr_utils import (
     ancestral,
     brute_force,
     chain,
+    contest,
     graph,
     many_starts,
-    metrics,
     nested,
-    report,
     variations,
     windows,
     world,
@@ -27,12 +26,9 @@ from sngr_utils.window_target import Window, window_of
 from sngr_utils.world import Positive, Probability, Scenario, Seed
 
 PRESET = graph.PRESETS["C"]
-METHODS = ["one Gaussian", "c = 1", "c = 50", "ancestral", "many starts"]
-SCALES = {"c = 1": 1.0, "c = 50": 50.0}  # of the Gaussian priors, the paper's
 SECOND_MASS = 0.05  # of the second mode, from which there are two
+MASS_TARGET = 0.05  # error of a mode's mass that is small enough
 WINDOW_POSES = windows.WIDTH
-PLANE_WALKS, WINDOW_WALKS = 25, 50  # steps that leave no bias to be seen at this size
-N_STARTS, PLANE_DRAWS, WINDOW_DRAWS = 32, 4_000, 20_000
 ANCHOR_DISTANCE, ANCHOR_RANGE, ANCHOR_SIGMA, ANCHOR_PRIOR = 4.0, 3.0, 0.2, 10.0  # notebook 1, [m]
 
 Counts = Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1)]
@@ -59,7 +55,7 @@ class Config(Scenario):
     first_seed: Seed = 100
     n_seeds: Annotated[int, Field(ge=2)] = 12
     poses_seen: Counts = [2, 3, 4, 5, 6, 7, 8]
-    poses_sampled: Counts = [2, 3, 4, 8]
+    poses_sampled: Counts = [2, 3, 8]
     n_sampled: Annotated[int, Field(ge=2)] = 4
     p: Probability = 0.4
     weak: Positive = 10.0
@@ -67,7 +63,7 @@ class Config(Scenario):
     kl_limit: Positive = 1.0
     gap_limit: Positive = 3.0
     tau: Positive = 3.96
-    n_live_landmark: Annotated[int, Field(ge=20)] = 500
+    n_live_landmark: Annotated[int, Field(ge=20)] = 800
     n_live_window: Annotated[int, Field(ge=20)] = 500
     n_particles: Annotated[int, Field(ge=100)] = 6_000
     jobs: Annotated[int, Field(ge=1)] = 2
@@ -132,28 +128,35 @@ def two_anchors() -> Landmark:
 
 @dataclass(frozen=True)
 class View:
-    """One landmark's posterior for a figure.
+    """One landmark's posterior for a figure, on a polar grid of R radii and A angles.
 
     Attributes
     ----------
-    target, reference, modes : the posterior, its quadrature, its maxima
+    places, log_density : (R, A, 2) [m] and (R, A) [nats]
+    positions : (n, 2) of the poses, [m]
     truth : (2,) where the landmark is, [m]
+    gaussian : (2,) and (2, 2) of one Gaussian at the MAP; None for a ring, which has no maximum
     """
 
-    target: Landmark
-    reference: brute_force.Reference
-    modes: many_starts.Modes
+    places: np.ndarray
+    log_density: np.ndarray
+    positions: np.ndarray
     truth: np.ndarray
+    gaussian: tuple[np.ndarray, np.ndarray] | None
 
 
-def views(config: Config, label: int, poses_seen: list[int]) -> dict[int, View]:
-    """A landmark of the first world after so many poses."""
-    truth, found = config.world(config.first_seed).landmarks[label], {}
-    for n in poses_seen:
-        target = config.landmark(config.first_seed, label, n)
+def view(config: Config, label: int, n: int) -> View:
+    """A landmark of the first world after n poses."""
+    target = config.landmark(config.first_seed, label, n)
+    reference, gaussian = brute_force.landmark_reference(target), None
+    if n > 1:
         modes = many_starts.find_modes(target, many_starts.ring_starts(target))
-        found[n] = View(target, brute_force.landmark_reference(target), modes, truth)
-    return found
+        gaussian = modes.places[0], modes.covariances[0]
+    shape = brute_force.N_RADII, brute_force.N_ANGLES
+    return View(
+        reference.points.reshape(*shape, 2), reference.log_density.reshape(shape),
+        target.positions, config.world(config.first_seed).landmarks[label], gaussian,
+    )  # fmt: skip
 
 
 def run_landmarks(config: Config) -> pd.DataFrame:
@@ -212,19 +215,25 @@ def _window_score(config: Config, seed: int, n: int, landmarks: np.ndarray) -> f
     )  # fmt: skip
 
 
-def fired(config: Config, found: pd.DataFrame) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def landmark_triggers(config: Config, found: pd.DataFrame) -> dict:
     """Trigger -> ((N,) score, higher for more alarm; (N,) bool, whether it fires)."""
-    gap = found["gap"].to_numpy()
-    scores = {
+    gap, window, own = (
+        found[name].to_numpy() for name in ("gap", "window_score", "landmark_score")
+    )  # fmt: skip
+    return {
         "mirror test": (-gap, gap < config.gap_limit),
-        "condition number, window": (
-            found["window_score"].to_numpy(), (found["window_score"] > config.tau).to_numpy()
-        ),
-        "condition number, landmark": (
-            found["landmark_score"].to_numpy(), (found["landmark_score"] > config.tau).to_numpy()
-        ),
-    }  # fmt: skip
-    return scores
+        "condition number of the window": (window, window > config.tau),
+        "condition number of the landmark": (own, own > config.tau),
+    }
+
+
+def window_triggers(config: Config, found: pd.DataFrame) -> dict:
+    """The same for windows, which have no mirror image."""
+    window, other = found["window_score"].to_numpy(), found["other_share"].to_numpy()
+    return {
+        "condition number of the window": (window, window > config.tau),
+        "second mode from many starts": (other, other > SECOND_MASS),
+    }
 
 
 # --- samplers -------------------------------------------------------------------------------
@@ -235,118 +244,78 @@ def run_samplers(config: Config) -> pd.DataFrame:
 
     Returns
     -------
-    one row per case ("two anchors", "landmark", "window"), size (poses, or ranges per pose),
-    seed and method: mass_error (largest over the modes), divergence (of the samples, over 16
-    cells of the plane) [nats], evidence_error [nats], calls
+    one row per case, size (poses, or ranges per pose), seed and method: the errors of
+    `contest.judge`
     """
     seeds, few = config.seeds(config.n_seeds), config.seeds(config.n_sampled)
-    tasks = [
+    jobs = [
         joblib.delayed(_window)(config, seed, m) for m in config.ranges_per_pose for seed in few
     ]
-    tasks += [joblib.delayed(_anchors)(config, seed) for seed in seeds]
-    tasks += [
+    jobs += [joblib.delayed(_anchors)(config, seed) for seed in seeds]
+    jobs += [
         joblib.delayed(_landmark)(config, seed, n) for n in config.poses_sampled for seed in seeds
     ]
-    done = joblib.Parallel(n_jobs=config.jobs)(tasks)
+    done = joblib.Parallel(n_jobs=config.jobs)(jobs)
     return pd.DataFrame([row for rows in done for row in rows])
 
 
-def plane_runs(
-    config: Config, target: Landmark, start: np.ndarray, covariance: np.ndarray, seed: int
-) -> dict[str, nested.NestedRun]:
-    """Every method on a landmark, the Gaussians being N(start, c covariance)."""
-    rng = np.random.default_rng([seed, 9])
-    settings = nested.SamplerSettings(n_live=config.n_live_landmark, min_walks=PLANE_WALKS)
-    modes = many_starts.find_modes(target, many_starts.ring_starts(target))
-    priors = {name: ancestral.gaussian(start, covariance, c) for name, c in SCALES.items()}
-    priors["ancestral"] = ancestral.ring(target)
-    return {
-        "one Gaussian": many_starts.laplace_draws(modes, PLANE_DRAWS, rng=rng),
-        **{
-            name: ancestral.sample(target, prior, settings, rng=rng)
-            for name, prior in priors.items()
-        },
-        "many starts": many_starts.mixture_draws(target, modes, PLANE_DRAWS, rng=rng),
-    }
+def anchor_start(place: str) -> tuple[np.ndarray, np.ndarray]:
+    """(2,) start and (2, 2) covariance that a solver reports there, "saddle" or "mode".
 
-
-def anchor_runs(config: Config, seed: int, place: str) -> dict[str, nested.NestedRun]:
-    """Every method on the two anchors, the Gaussians about the "saddle" or a "mode".
-
-    The saddle is where the paper's solver stays, and its covariance there is the prior's along
-    the direction in which the landmark could be on either side.
+    At the saddle the paper's solver stays. The covariance it reports there is that of the
+    landmark's own prior, in the direction in which the landmark could be on either side.
     """
     target, height = two_anchors(), np.sqrt(ANCHOR_RANGE**2 - ANCHOR_DISTANCE**2 / 4)
     start = target.centre + np.array([0.0, height if place == "mode" else 0.0])
-    return plane_runs(config, target, start, target.gauss_newton_covariance(start), seed)
+    return start, target.gauss_newton_covariance(start)
+
+
+def anchor_runs(config: Config, seed: int, place: str) -> dict[str, nested.NestedRun]:
+    """Every method on the two anchors, the Gaussian priors about `anchor_start`."""
+    rng = np.random.default_rng([seed, 9])
+    return contest.plane_runs(two_anchors(), *anchor_start(place), config.n_live_landmark, rng=rng)
+
+
+def anchor_priors(n: int, *, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """(n, 2) draws of each prior on the two anchors, the Gaussian ones about a mode, [m]."""
+    priors = {
+        name: ancestral.gaussian(*anchor_start("mode"), c) for name, c in contest.SCALES.items()
+    }
+    priors["ancestral"] = ancestral.ring(two_anchors())
+    return {name: prior.draw(n, rng=rng) for name, prior in priors.items()}
 
 
 def _anchors(config: Config, seed: int) -> list[dict]:
     target = two_anchors()
     modes = many_starts.find_modes(target, many_starts.ring_starts(target))
-    judge = _judge(brute_force.landmark_reference(target), modes, lambda x: x)
+    errors = contest.judge(brute_force.landmark_reference(target), modes, lambda x: x)
     rows = []
     for place in ("saddle", "mode"):
         runs = anchor_runs(config, seed, place)
-        if place == "mode":  # the others do not depend on it
-            runs = {name: runs[name] for name in SCALES}
+        if place == "mode":  # the other methods do not depend on it
+            runs = {name: runs[name] for name in contest.SCALES}
         head = {"case": f"two anchors, from the {place}", "size": 2, "seed": seed}
-        rows += [{**head, "method": name, **judge(run)} for name, run in runs.items()]
+        rows += [{**head, "method": name, **errors(run)} for name, run in runs.items()]
     return rows
 
 
 def _landmark(config: Config, seed: int, n: int) -> list[dict]:
-    target = config.landmark(seed, 0, n)
+    target, rng = config.landmark(seed, 0, n), np.random.default_rng([seed, 10])
     modes = many_starts.find_modes(target, many_starts.ring_starts(target))
-    runs = plane_runs(config, target, modes.places[0], modes.covariances[0], seed)
-    judge = _judge(brute_force.landmark_reference(target), modes, lambda x: x)
+    best = modes.places[0], modes.covariances[0]
+    runs = contest.plane_runs(target, *best, config.n_live_landmark, rng=rng)
+    errors = contest.judge(brute_force.landmark_reference(target), modes, lambda x: x)
     head = {"case": "landmark", "size": n, "seed": seed}
-    return [{**head, "method": name, **judge(run)} for name, run in runs.items()]
+    return [{**head, "method": name, **errors(run)} for name, run in runs.items()]
 
 
 def _window(config: Config, seed: int, n_ranges: int) -> list[dict]:
-    target, rng = config.window(seed, n_ranges), np.random.default_rng([seed, 10])
-    reference, modes, tree = _window_modes(config, target, rng)
-    settings = nested.SamplerSettings(n_live=config.n_live_window, min_walks=WINDOW_WALKS)
-    own = many_starts.find_modes(target, tree.draw(N_STARTS, rng=rng))
-    runs = {"one Gaussian": many_starts.laplace_draws(own, PLANE_DRAWS, rng=rng)}
-    priors = {
-        name: ancestral.gaussian(own.places[0], own.covariances[0], c) for name, c in SCALES.items()
-    }
-    for name, prior in {**priors, "ancestral": tree}.items():
-        runs[name] = ancestral.sample(target, prior, settings, rng=rng)
-    runs["many starts"] = many_starts.mixture_draws(target, own, WINDOW_DRAWS, rng=rng)
-    judge = _judge(reference, modes, lambda x: target.positions(x)[:, -1])
+    target, rng = config.window(seed, n_ranges), np.random.default_rng([seed, 11])
+    truth = contest.window_truth(target, config.n_particles, rng=rng)
+    errors = contest.judge(*truth, lambda x: target.positions(x)[:, -1])
+    runs = contest.window_runs(target, config.n_live_window, rng=rng)
     head = {"case": "window", "size": n_ranges, "seed": seed}
-    return [{**head, "method": name, **judge(run)} for name, run in runs.items()]
-
-
-def _judge(reference: brute_force.Reference, modes: many_starts.Modes, plane):
-    """run -> its errors against a reference; `plane` takes (N, d) points to (N, 2) places."""
-    exact = reference.masses(modes.label(reference.points), len(modes.places))
-    parts = brute_force.cells(plane(reference.points), reference.weights)
-
-    def judge(run: nested.NestedRun) -> dict[str, float]:
-        masses = np.bincount(modes.label(run.samples), run.weights, minlength=len(exact))
-        return {
-            "mass_error": float(abs(masses - exact).max()),
-            "divergence": parts.divergence(plane(run.samples), run.weights),
-            "evidence_error": run.log_evidence - reference.log_evidence,
-            "calls": run.calls,
-        }
-
-    return judge
-
-
-def _window_modes(
-    config: Config, target: Window, rng: np.random.Generator
-) -> tuple[brute_force.Reference, many_starts.Modes, ancestral.Prior]:
-    """Reference, all modes (from prior draws and from posterior draws), and the tree."""
-    tree = ancestral.tree(target)
-    reference = brute_force.window_reference(target, config.n_particles, rng=rng)
-    drawn = reference.points[rng.choice(len(reference.points), N_STARTS, p=reference.weights)]
-    starts = np.concatenate([tree.draw(N_STARTS, rng=rng), drawn])
-    return reference, many_starts.find_modes(target, starts), tree
+    return [{**head, "method": name, **errors(run)} for name, run in runs.items()]
 
 
 def run_windows(config: Config) -> pd.DataFrame:
@@ -368,9 +337,9 @@ def run_windows(config: Config) -> pd.DataFrame:
 
 
 def _window_row(config: Config, seed: int, n_ranges: int) -> dict:
-    target, rng = config.window(seed, n_ranges), np.random.default_rng([seed, 11])
-    reference, modes, tree = _window_modes(config, target, rng)
-    own = many_starts.find_modes(target, tree.draw(N_STARTS, rng=rng))
+    target, rng = config.window(seed, n_ranges), np.random.default_rng([seed, 12])
+    reference, modes = contest.window_truth(target, config.n_particles, rng=rng)
+    own = many_starts.find_modes(target, ancestral.tree(target).draw(contest.N_STARTS, rng=rng))
     masses = np.sort(reference.masses(modes.label(reference.points), len(modes.places)))
     kl, kl_error = reference.divergence(lambda x: modes.log_gaussian(0, x))
     shares = np.exp(own.log_masses - np.logaddexp.reduce(own.log_masses))
@@ -401,59 +370,3 @@ def pose_jacobian(target: Window, noises: np.ndarray) -> np.ndarray:
         change[:, 0], change[:, 1] = cos * x + sin * y, cos * y - sin * x
         columns.append(change.ravel())
     return np.array(columns).T
-
-
-# --- what is handed on ----------------------------------------------------------------------
-
-
-def detection_rows(
-    config: Config, landmarks: pd.DataFrame, found: pd.DataFrame
-) -> list[dict]:  # fmt: skip
-    """Counts and AUC of every trigger against "one Gaussian is wrong by more than kl_limit"."""
-    window_score = found["window_score"].to_numpy()
-    other = found["other_share"].to_numpy()
-    of_windows = {
-        "condition number, window": (window_score, window_score > config.tau),
-        "many starts": (other, other > SECOND_MASS),
-    }
-    rows = []
-    for case, frame, triggers in (
-        ("landmark", landmarks, fired(config, landmarks)),
-        ("window", found, of_windows),
-    ):
-        wrong = (frame["kl"] > config.kl_limit).to_numpy()
-        for name, (score, fires) in triggers.items():
-            counts, known = metrics.detection(fires, wrong), np.isfinite(score) | np.isinf(score)
-            rows.append({
-                "case": case, "trigger": name, "counts": counts,
-                "auc": metrics.roc_auc(np.clip(score[known], -1e9, 1e9), wrong[known]),
-                "n_auc": int(known.sum()),
-            })  # fmt: skip
-    return rows
-
-
-def record(
-    config: Config, landmarks: pd.DataFrame, found: pd.DataFrame, runs: pd.DataFrame,
-    to: report.Report,
-) -> None:  # fmt: skip
-    """Hand on the numbers that the paper's text quotes."""
-    to.value("multimodal.n_seeds", config.n_seeds, ".0f")
-    for n, rows in landmarks.groupby("n"):
-        wrong, two = rows["kl"] > config.kl_limit, rows["second"] >= SECOND_MASS
-        to.value(f"multimodal.landmark.n{n}.wrong", 100 * wrong.mean(), ".0f", r"%", n=len(rows))
-        to.value(f"multimodal.landmark.n{n}.two", 100 * two.mean(), ".0f", r"%", n=len(rows))
-    for m, rows in found.groupby("n_ranges"):
-        two = rows["second"] >= SECOND_MASS
-        here = f"multimodal.window.m{m}"
-        to.value(f"{here}.two", 100 * two.mean(), ".0f", "%", n=len(rows))
-        to.value(f"{here}.shortfall", rows["shortfall"].max(), ".1f", "nats", n=len(rows))
-    for row in detection_rows(config, landmarks, found):
-        here = f"multimodal.{row['case']}.{row['trigger'].replace(', ', '_').replace(' ', '_')}"
-        to.value(f"{here}.auc", row["auc"], n=row["n_auc"])
-        to.value(f"{here}.missed", row["counts"].false_negatives, ".0f", n=row["counts"].total)
-        to.value(f"{here}.found", row["counts"].true_positives, ".0f", n=row["counts"].total)
-    for (case, method), rows in runs.groupby(["case", "method"], sort=False):
-        here = f"multimodal.{case}.{method}".replace(", from the ", "_").replace(" ", "_")
-        here = here.replace("_=_", "")
-        to.value(f"{here}.mass_error", rows["mass_error"].mean(), ".3f", n=len(rows))
-        to.value(f"{here}.worst", rows["mass_error"].max(), ".2f", n=len(rows))

@@ -19,20 +19,23 @@ ORDER = [
     "paths", "style", "jit", "world", "variations", "metrics", "graph", "mirror", "windows",
     "information", "chain",
     "nested", "compiled", "compiled_nested", "compiled_walk", "importance", "laplace",
-    "window_target", "landmark_target", "many_starts", "brute_force", "ancestral",
+    "window_target", "landmark_target", "many_starts", "brute_force", "ancestral", "contest",
     "posterior", "engines", "refine", "baseline", "corrected",
     "window_audit", "sampler_audit", "refined_sweep",
     "sweeps", "robust", "association", "switchable", "mixtures",
     "crossings", "particles", "fastslam", "estimators",
     "place", "crediting", "smoother", "belief", "landmark_start", "odometry_doubt", "online",
-    "online_study", "plots", "peer_plots", "online_plots", "report", "bench",
+    "online_study", "plots", "peer_plots", "online_plots", "report", "multimodal_plots", "bench",
     "printed", "contradictions", "rules", "parameters", "bimodal", "trigger_sweep",
     "full_sngr", "cost",
     "audit_tables", "audit", "peer_tables", "peers",
-    "online_tables", "association_aware", "claims", "verdicts",
-    "verdict_tables", "run", "verify",
+    "online_tables", "association_aware", "multimodal", "multimodal_tables",
+    "claims", "verdicts", "verdict_tables", "run", "verify",
 ]  # fmt: skip
-DRIVERS = {"bimodal", "trigger_sweep", "full_sngr", "cost", "audit", "peers", "association_aware"}
+DRIVERS = {
+    "bimodal", "trigger_sweep", "full_sngr", "cost", "audit", "peers", "association_aware",
+    "multimodal",
+}  # fmt: skip
 
 
 def test_no_global_random_state():

@@ -1,0 +1,167 @@
+"""The tables of notebook 09, and the numbers it hands on."""
+
+import numpy as np
+import pandas as pd
+
+from sngr_utils import contest, metrics, multimodal, report
+
+t = report.text
+FEW = 3  # poses after which a landmark usually still has two places
+
+
+def landmarks_table(landmarks: pd.DataFrame, config: multimodal.Config) -> pd.DataFrame:
+    """By number of poses: how often one Gaussian is wrong, and what there is instead."""
+    rows = []
+    for n, found in landmarks.groupby("n"):
+        two, wrong = found["second"] >= multimodal.SECOND_MASS, found["kl"] > config.kl_limit
+        rows.append([
+            f"{n}", f"{len(found)}", f"{wrong.mean():.0%}",
+            f"{(found['kl_moments'] > config.kl_limit).mean():.0%}", f"{two.mean():.0%}",
+            t(found["kl"].median(), ".2f"), t(found["spread"].median(), ".2f"),
+            f"{(found['gap'] < config.gap_limit).mean():.0%}",
+        ])  # fmt: skip
+    heads = ["poses", "landmarks", "KL > limit", "same, moments", "two modes", "median KL [nats]",
+             "median spread [m]", "mirror test fires"]  # fmt: skip
+    return pd.DataFrame(rows, columns=heads)
+
+
+def windows_table(found: pd.DataFrame, config: multimodal.Config) -> pd.DataFrame:
+    """By ranges per pose: how often one Gaussian is wrong in an ambiguous window."""
+    rows = []
+    for m, part in found.groupby("n_ranges"):
+        two, wrong = part["second"] >= multimodal.SECOND_MASS, part["kl"] > config.kl_limit
+        rows.append([
+            f"{m}", f"{len(part)}", f"{wrong.mean():.0%}", f"{two.mean():.0%}",
+            t(part["largest"].median()), t(part["shortfall"].median()), t(part["shortfall"].max()),
+            t(part["shortfall_error"].max()),
+        ])  # fmt: skip
+    heads = ["ranges per pose", "windows", "KL > limit", "two modes", "median mass of the first",
+             "evidence missed, median [nats]", "same, most", "error of the reference"]  # fmt: skip
+    return pd.DataFrame(rows, columns=heads)
+
+
+def detection_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Counts of every trigger, and its areas under the ROC curve."""
+    return pd.DataFrame({
+        "of a": rows["case"], "trigger": rows["trigger"], "found": rows["found"],
+        "missed": rows["missed"], "false alarms": rows["false"], "silent, rightly": rows["silent"],
+        "AUC": rows["auc"].map(t), "AUC, same size": rows["auc_within"].map(t),
+        "best Youden": rows["youden"].map(t),
+    })  # fmt: skip
+
+
+def samplers_table(runs: pd.DataFrame, case: str) -> pd.DataFrame:
+    """Methods of one case: errors of masses, divergence, evidence, and likelihood calls."""
+    mine, rows = runs[runs["case"] == case], []
+    for (size, method), part in mine.groupby(["size", "method"], sort=False):
+        small = (part["mass_error"] <= multimodal.MASS_TARGET).sum()
+        rows.append([
+            f"{size}", method, t(part["mass_error"].mean(), ".3f"), t(part["mass_error"].max()),
+            f"{small} of {len(part)}", t(part["divergence"].mean()),
+            t(part["evidence_error"].mean()), f"{part['calls'].mean() / 1000:.0f}",
+        ])  # fmt: skip
+    heads = ["size", "method", "mass error", "worst", "within the target", "KL in cells [nats]",
+             "evidence error [nats]", "1000 calls"]  # fmt: skip
+    return pd.DataFrame(rows, columns=heads)
+
+
+def mass_errors(runs: pd.DataFrame) -> dict[str, dict[str, np.ndarray]]:
+    """Case and size -> method -> (n,) errors of the masses, for the figure."""
+    cases = {
+        "landmark, few poses": runs[(runs["case"] == "landmark") & (runs["size"] <= FEW)],
+        "landmark, more poses": runs[(runs["case"] == "landmark") & (runs["size"] > FEW)],
+        "window": runs[runs["case"] == "window"],
+    }
+    return {
+        name: {m: found.loc[found["method"] == m, "mass_error"].to_numpy() for m in contest.METHODS}
+        for name, found in cases.items()
+    }
+
+
+def detection_rows(
+    config: multimodal.Config, landmarks: pd.DataFrame, found: pd.DataFrame
+) -> pd.DataFrame:
+    """Every trigger against "one Gaussian is wrong by more than kl_limit".
+
+    Returns
+    -------
+    one row per case and trigger: found, missed, false, silent (counts), auc over all cases with
+    a score, auc_within (pairs of the same number of poses, or of ranges, only), youden (best
+    sum of the true rates less 1, whatever the threshold)
+    """
+    rows = []
+    for case, frame, triggers, size in (
+        ("landmark", landmarks, multimodal.landmark_triggers(config, landmarks), "n"),
+        ("window", found, multimodal.window_triggers(config, found), "n_ranges"),
+    ):
+        wrong = (frame["kl"] > config.kl_limit).to_numpy()
+        for name, (score, fires) in triggers.items():
+            counts, known = metrics.detection(fires, wrong), ~np.isnan(score)
+            scored = np.clip(score[known], -1e9, 1e9), wrong[known]
+            false_rate, true_rate = (
+                metrics.roc_curve(*scored) if len(set(scored[1])) == 2 else (np.zeros(1),) * 2
+            )
+            within, _, _ = metrics.within_auc(
+                *scored, frame[size].to_numpy()[known], rng=np.random.default_rng(0)
+            )
+            rows.append({
+                "case": case, "trigger": name, "found": counts.true_positives,
+                "missed": counts.false_negatives, "false": counts.false_positives,
+                "silent": counts.true_negatives, "auc": metrics.roc_auc(*scored),
+                "auc_within": within, "youden": float((true_rate - false_rate).max()),
+            })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def record(
+    config: multimodal.Config, landmarks: pd.DataFrame, found: pd.DataFrame, runs: pd.DataFrame,
+    to: report.Report,
+) -> None:  # fmt: skip
+    """Hand on the numbers that the paper's text quotes."""
+    to.value("multimodal.n_seeds", config.n_seeds, ".0f")
+    to.value("multimodal.n_landmarks", len(landmarks), ".0f")
+    to.value("multimodal.n_windows", len(found), ".0f")
+
+    def share(key, flags):
+        error = 100 * np.sqrt(
+            max(flags.mean() * (1 - flags.mean()), 0.25 / len(flags)) / len(flags)
+        )
+        to.value(key, 100 * flags.mean(), ".0f", "%", n=len(flags), within=3 * error)
+
+    for case, frame, size in (("landmark", landmarks, "n"), ("window", found, "n_ranges")):
+        for value, rows in frame.groupby(size):
+            share(f"multimodal.{case}.{value}.wrong", rows["kl"] > config.kl_limit)
+            share(f"multimodal.{case}.{value}.two", rows["second"] >= multimodal.SECOND_MASS)
+    worst = found["shortfall"].max()
+    to.value("multimodal.window.shortfall", worst, ".1f", "nats", n=len(found), within=0.5)
+    for row in detection_rows(config, landmarks, found).itertuples():
+        here = f"multimodal.{row.case}.{row.trigger.split()[0]}"
+        here += "_landmark" if row.trigger.endswith("landmark") else ""
+        total = row.found + row.missed + row.false + row.silent
+        for name in ("found", "missed", "false"):
+            to.value(f"{here}.{name}", getattr(row, name), ".0f", n=total, within=4)
+        for name in ("auc", "auc_within"):
+            to.value(f"{here}.{name}", getattr(row, name), n=total, within=0.05)
+    names = dict(
+        zip(contest.METHODS, ("gaussian", "c1", "c50", "ancestral", "starts"), strict=True)
+    )
+    for (case, method), rows in runs.groupby(["case", "method"], sort=False):
+        here = f"multimodal.{case.replace(', from the ', '_').replace(' ', '_')}.{names[method]}"
+        errors = rows["mass_error"]
+        to.value(f"{here}.mass_error", errors.mean(), ".3f", error=report.standard_error(errors),
+                 n=len(rows))  # fmt: skip
+        to.value(f"{here}.worst", errors.max(), ".2f", n=len(rows), within=0.1)
+        to.value(
+            f"{here}.within", (errors <= multimodal.MASS_TARGET).sum(), ".0f", n=len(rows), within=3
+        )
+        calls = rows["calls"].mean() / 1000
+        to.value(f"{here}.calls", calls, ".0f", n=len(rows), within=0.3 * calls)
+
+
+def record_strong(strong: pd.DataFrame, to: report.Report) -> None:
+    """Hand on what windows with the paper's own odometry hold."""
+    two = int((strong["second"] >= multimodal.SECOND_MASS).sum())
+    to.value("multimodal.strong.two", two, ".0f", n=len(strong), within=2)
+    to.value("multimodal.strong.windows", len(strong), ".0f")
+    largest = strong["kl"].median()
+    to.value("multimodal.strong.kl", largest, unit="nats", n=len(strong), within=0.2)

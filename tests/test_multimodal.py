@@ -1,0 +1,82 @@
+"""Driver of notebook 09: its parameters, and what must hold on any worlds."""
+
+import joblib
+import numpy as np
+import pandas as pd
+import pytest
+
+from sngr_utils import contest, multimodal
+from sngr_utils import multimodal_tables as tables
+
+QUICK = multimodal.Config(
+    n_seeds=2, n_sampled=2, poses_seen=[2, 8], poses_sampled=[2], ranges_per_pose=[1],
+    n_live_landmark=100, n_live_window=50, n_particles=500, jobs=1,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("poses_seen", {"poses_seen": [40]}),
+        ("ranges_per_pose", {"ranges_per_pose": [7]}),
+        ("n_sampled", {"n_sampled": 13}),
+        ("weak", {"weak": 0.0}),
+    ],
+)
+def test_bad_parameters_are_named(name, change):
+    with pytest.raises(ValueError, match=name):
+        multimodal.Config(**change)
+
+
+@pytest.fixture(scope="module")
+def landmarks():
+    return multimodal.run_landmarks(QUICK)
+
+
+def test_no_gaussian_beats_the_one_with_the_posteriors_moments(landmarks):
+    """The divergence from a law to Gaussians is least at the moments of the law."""
+    assert (landmarks["kl_moments"] <= landmarks["kl"] + 1e-3).all()
+    assert landmarks["kl_error"].max() < 0.01
+
+
+def test_landmarks_of_two_poses_have_two_places_and_of_eight_one(landmarks):
+    """On twelve landmarks of development seeds; deterministic."""
+    few, many = landmarks.query("n == 2"), landmarks.query("n == 8")
+    assert (few["kl"] > 1).all()
+    assert few["second"].median() > 0.3
+    assert many["kl"].median() < 0.1
+    assert (few["gap"] < 3).mean() > 0.8
+    assert (many["gap"] > 3).all()
+    assert few["window_score"].isna().all()
+
+
+def test_results_do_not_depend_on_the_number_of_workers(landmarks):
+    with joblib.parallel_config(backend="threading"):
+        again = multimodal.run_landmarks(QUICK.model_copy(update={"jobs": 2}))
+    pd.testing.assert_frame_equal(landmarks, again)
+
+
+def test_the_window_score_is_that_of_the_poses():
+    """A chain without ranges: its covariance by noises is that of graph and windows."""
+    target = QUICK.window(100, 1)
+    jacobian = multimodal.pose_jacobian(target, np.zeros(9))
+    covariance = jacobian @ jacobian.T
+    assert covariance[:2, :2] == pytest.approx(0.25 * np.eye(2), abs=1e-6)
+    turned = np.sqrt(np.diag(covariance)[[2, 5, 8]])
+    assert turned == pytest.approx(0.1 * np.sqrt([1, 2, 3]), rel=1e-5)
+
+
+def test_every_case_is_counted_once_and_every_method_judged(landmarks):
+    found = multimodal.run_windows(QUICK)
+    rows = tables.detection_rows(QUICK, landmarks, found)
+    counted = rows[["found", "missed", "false", "silent"]].sum(axis=1)
+    assert set(counted[rows["case"] == "landmark"]) == {len(landmarks)}
+    assert set(counted[rows["case"] == "window"]) == {len(found)}
+    runs = multimodal.run_samplers(QUICK)
+    for case in ("landmark", "window", "two anchors, from the saddle"):
+        assert set(runs.loc[runs["case"] == case, "method"]) == set(contest.METHODS)
+    assert runs["mass_error"].between(0, 1).all()
+    narrow = runs.query("case == 'two anchors, from the mode' and method == 'c = 1'")
+    assert (narrow["mass_error"] > 0.45).all()
+    anchors = runs.query("case == 'two anchors, from the saddle'")
+    assert (anchors.query("method == 'ancestral'")["mass_error"] < 0.25).all()
