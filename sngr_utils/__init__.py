@@ -44,6 +44,12 @@ what stands above it in this list:
 `particles`       the loops of FastSLAM, compiled
 `fastslam`        Rao-Blackwellised particle filter with associations in doubt
 `estimators`      all peers behind one call, and compared on the same worlds
+`leverage`        do a window's ranges fit? a chi-square that knows their leverage
+`detectors`       scores of windows: what may tell that an estimate has failed
+`calibration`     thresholds with a controlled rate of false alarms
+`clustered`       how well scores rank or decide, drawing whole worlds
+`detection_study` what every detector says of every window, and the truth beside it
+`detection_summary` the same summed up: ranking, decisions, false alarms
 `place`           the posterior of one place, from ranges any of which may be wrong
 `crediting`       to which landmark a range is credited: innovations, gate, posterior
 `smoother`        iSAM2 with factors that have names and can be taken out
@@ -56,18 +62,20 @@ what stands above it in this list:
 `peer_plots`      those of notebook 07
 `online_plots`    those of notebook 08
 `report`          results -> JSON -> LaTeX values and tables
-`multimodal_plots`  ``draw_*(ax, data)`` of notebook 09
+`trigger_tables`  the tables of notebook 06
+`trigger_plots`   its figures
+`multimodal_plots` those of notebook 09
 `bench`           the engines side by side, and the growth with the length of the trajectory
 `printed`         the paper's numbers with the digits it prints
 `contradictions`  where those numbers contradict each other
 `rules`           how a verdict follows from a printed value and ours
 `parameters`      reads ``params/*.yaml`` and checks every value
 `bimodal` ...     one driver per notebook: `bimodal`, `trigger_sweep`, `full_sngr`, `cost`,
-                  `audit`, `peers`, `association_aware`, `multimodal`
+                  `audit`, `triggers`, `peers`, `association_aware`, `multimodal`
 `audit_tables`    the tables of notebook 05
-`peer_tables`     the tables of notebook 07
-`online_tables`   the tables of notebook 08
-`multimodal_tables`  those of notebook 09
+`peer_tables`     those of notebook 07
+`online_tables`   those of notebook 08
+`multimodal_tables` those of notebook 09
 `claims`          what the paper claims, from ``paper/claims.yaml``
 `verdicts`        a verdict on every claim
 `verdict_tables`  the verdicts in LaTeX and in the README

@@ -164,9 +164,22 @@ def covariance(solution: Solution, world: World, conventions: Conventions) -> Ch
         raise ValueError(
             f"solution has {solution.graph.size()} factors: this world makes {n_factors}"
         )
+    poses = gtsam.utilities.extractPose2(solution.estimate)  # rows in the order of the keys
+    return covariance_at(poses, landmarks, world, conventions)
+
+
+def covariance_at(
+    poses: np.ndarray, landmarks: np.ndarray, world: World, conventions: Conventions
+) -> ChainCovariance:
+    """Covariance blocks of a world's graph, linearised at poses and landmarks of any estimate.
+
+    Parameters
+    ----------
+    poses, landmarks : (T, 3) and (K, 2), [m, m, rad] and [m]; NaN for an absent landmark
+    """
     s = world.scenario
     return selected_inverse(
-        gtsam.utilities.extractPose2(solution.estimate),  # rows in the order of the keys
+        poses,
         landmarks,
         world.odometry,
         world.pose_of,

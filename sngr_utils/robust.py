@@ -39,6 +39,7 @@ GNC_SQUARED = stats.chi2.ppf(INLIER_QUANTILE, 1)  # threshold on r^2, and Geman 
 Estimate = tuple[np.ndarray, np.ndarray]  # poses (T, 3) and landmarks (K, 2)
 
 GRID_CELLS = 100  # per axis
+NEGLIGIBLE_EXPONENT = 40.0  # e^-40 is nothing beside an outlier, in floating point
 GRID_OUTLIER_SHARE = 0.5  # knowing nothing about a range: right or wrong alike
 
 
@@ -191,27 +192,26 @@ def best_cell(
     axes = np.linspace(low, high, GRID_CELLS)
     # a point of the cell is uniform about its centre: one twelfth of the squared width
     spread = variances + ((high - low) / (GRID_CELLS - 1)).max() ** 2 / 12
-    scores = _cell_scores(axes, positions, ranges, spread, longest)
+    right = (1 - GRID_OUTLIER_SHARE) / np.sqrt(2 * np.pi * spread)
+    scores = _grid_scores(
+        axes, positions, ranges, 0.5 / spread, right, GRID_OUTLIER_SHARE / longest
+    )
     i, j = np.unravel_index(np.argmax(scores), scores.shape)
     return np.array([axes[i, 0], axes[j, 1]])
 
 
 @compile_once
-def _cell_scores(axes, positions, ranges, spread, longest):
-    """(G, G) log-likelihood of N ranges at the cells whose coordinates are the (G, 2) axes."""
-    n, log_outlier = len(axes), math.log(GRID_OUTLIER_SHARE / longest)
-    scores, peak = np.zeros((n, n)), (1 - GRID_OUTLIER_SHARE) / np.sqrt(2 * np.pi * spread)
-    for i in range(n):
-        for j in range(n):
-            for m in range(len(ranges)):
-                dx, dy = axes[i, 0] - positions[m, 0], axes[j, 1] - positions[m, 1]
-                error = ranges[m] - math.sqrt(dx * dx + dy * dy)
-                square = error * error / spread[m]
-                if square > 80:  # a right range adds less than rounding takes
-                    scores[i, j] += log_outlier
-                else:
-                    right = peak[m] * math.exp(-0.5 * square)
-                    scores[i, j] += math.log(right + GRID_OUTLIER_SHARE / longest)
+def _grid_scores(axes, positions, ranges, sharpness, right, outlier):
+    """Log-likelihood of every cell, less that of outliers only: most ranges miss most cells."""
+    scores = np.zeros((len(axes), len(axes)))
+    for i in range(len(axes)):
+        for j in range(len(axes)):
+            for n in range(len(ranges)):
+                dx, dy = axes[i, 0] - positions[n, 0], axes[j, 1] - positions[n, 1]
+                error = ranges[n] - math.sqrt(dx * dx + dy * dy)
+                exponent = sharpness[n] * error * error
+                if exponent < NEGLIGIBLE_EXPONENT:
+                    scores[i, j] += math.log1p(right[n] * math.exp(-exponent) / outlier)
     return scores
 
 

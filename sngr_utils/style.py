@@ -52,3 +52,9 @@ def panels(width: float, height: float, n: int) -> tuple[Figure, list[Axes]]:
     """One figure with n axes side by side, width and height in inches."""
     fig, axes = plt.subplots(1, n, figsize=(width, height))
     return fig, list(axes)
+
+
+def stack(width: float, height: float, n: int) -> tuple[Figure, list[Axes]]:
+    """One figure with n axes above each other that share x, width and height in inches."""
+    fig, axes = plt.subplots(n, 1, figsize=(width, height), sharex=True)
+    return fig, list(axes)

@@ -24,17 +24,18 @@ ORDER = [
     "window_audit", "sampler_audit", "refined_sweep",
     "sweeps", "robust", "association", "switchable", "mixtures",
     "crossings", "particles", "fastslam", "estimators",
+    "leverage", "detectors", "calibration", "clustered", "detection_study", "detection_summary",
     "place", "crediting", "smoother", "belief", "landmark_start", "odometry_doubt", "online",
-    "online_study", "plots", "peer_plots", "online_plots", "report", "multimodal_plots", "bench",
+    "online_study", "plots", "peer_plots", "online_plots", "report", "trigger_tables",
+    "trigger_plots", "multimodal_plots", "bench",
     "printed", "contradictions", "rules", "parameters", "bimodal", "trigger_sweep",
-    "full_sngr", "cost",
-    "audit_tables", "audit", "peer_tables", "peers",
+    "full_sngr", "cost", "triggers", "audit_tables", "audit", "peer_tables", "peers",
     "online_tables", "association_aware", "multimodal", "multimodal_tables",
     "claims", "verdicts", "verdict_tables", "run", "verify",
 ]  # fmt: skip
 DRIVERS = {
-    "bimodal", "trigger_sweep", "full_sngr", "cost", "audit", "peers", "association_aware",
-    "multimodal",
+    "bimodal", "trigger_sweep", "full_sngr", "cost", "audit", "triggers", "peers",
+    "association_aware", "multimodal",
 }  # fmt: skip
 
 

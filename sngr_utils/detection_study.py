@@ -1,0 +1,202 @@
+"""What every detector says of every window, and how much of it is true.
+
+The truth enters in two columns only: whether a window failed, and whether one of its ranges has a
+wrong label. All scores are computed from data.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import joblib
+import numpy as np
+import pandas as pd
+
+from sngr_utils import (
+    association,
+    calibration,
+    chain,
+    corrected,
+    detectors,
+    graph,
+    leverage,
+    robust,
+    variations,
+    windows,
+    world,
+)
+
+# scenario -> what differs from the paper's
+SCENARIOS = {
+    "paper": {},
+    "radius 3 m": {"radius": 3.0},
+    "radius 10 m": {"radius": 10.0},
+    "4 landmarks": {"n_landmarks": 4},
+    "10 landmarks": {"n_landmarks": 10},
+    "range sigma 0.05 m": {"range_sigma": 0.05},
+    "range sigma 0.3 m": {"range_sigma": 0.3},
+    "100 poses": {"n_poses": 100},
+}
+CALIBRATED = ("condition", "eigenvalue", "mirror", "disagreement", "disagreement_sigmas")
+NULL_PRESETS = ("B", "C")  # iSAM2 relinearises at every update, or at every tenth as A does
+TRUSTED = 0.5  # responsibility of its label above which a range counts in the covariance
+
+
+@dataclass(frozen=True)
+class Case:
+    """One kind of world.
+
+    Attributes
+    ----------
+    scenario : one of `SCENARIOS`
+    p : probability of a wrong label
+    burst : poses of the burst that the wrong labels are confined to; 0 for everywhere
+    """
+
+    scenario: str
+    p: float
+    burst: int = 0
+
+    @property
+    def name(self) -> str:
+        return f"burst, p = {self.p:g}" if self.burst else f"p = {self.p:g}"
+
+    def draw(self, paper: world.Scenario, seed: int) -> world.World:
+        """The world of `seed`; the place of a burst and its labels come from a child stream."""
+        scenario = paper.model_copy(update=SCENARIOS[self.scenario])
+        rng = np.random.default_rng(seed)
+        if not self.burst:
+            return world.simulate(scenario, self.p, rng=rng)
+        clean = world.simulate(scenario, 0.0, rng=rng)
+        (burst_rng,) = rng.spawn(1)
+        return variations.burst(clean, self.p, self.burst, rng=burst_rng)
+
+
+def scores(
+    the_world: world.World, conventions: graph.Conventions, solution: graph.Solution
+) -> pd.DataFrame:
+    """One row per window, a column per score of `detectors.SCORES` except "either".
+
+    And "naive": the robust chi-square as if no range had leverage.
+    """
+    plain = chain.covariance(solution, the_world, conventions)
+    poses, landmarks = solution.poses, solution.landmarks
+    robust_estimate = association.estimate(the_world, conventions, "grid", exclusive=True)
+    reference = robust_estimate.poses, robust_estimate.landmarks
+    own = robust_estimate.responsibilities[np.arange(len(the_world.ranges)), the_world.label_of]
+    trusted = chain.covariance_at(*reference, keep(the_world, own > TRUSTED), conventions)
+    null = chain.covariance_at(*reference, the_world, conventions)  # all labels right
+    robust_test = leverage.chi_square(the_world, *reference, null)
+    return pd.DataFrame({
+        "condition": detectors.condition_number(plain.windows),
+        "eigenvalue": detectors.largest_eigenvalue(plain.windows),
+        "chi_square": leverage.chi_square(the_world, poses, landmarks, plain).surprise,
+        "chi_square_robust": robust_test.surprise,
+        "naive": robust_test.naive_surprise,
+        "mirror": detectors.mirror_weight(the_world, poses, landmarks),
+        "disagreement": detectors.disagreement(poses, reference[0]),
+        "disagreement_sigmas": detectors.disagreement_sigmas(poses, reference[0], trusted),
+    })
+
+
+def keep(the_world: world.World, ranges: np.ndarray) -> world.World:
+    """The world with the (M,) marked ranges only."""
+    names = ("pose_of", "label_of", "source_of", "ranges")
+    return replace(the_world, **{name: getattr(the_world, name)[ranges] for name in names})
+
+
+def wrong_labels(the_world: world.World) -> np.ndarray:
+    """(T-W+1,) int: ranges with a wrong label in each window. One is enough to contaminate it."""
+    wrong = the_world.pose_of[the_world.label_of != the_world.source_of]
+    per_pose = np.bincount(wrong, minlength=the_world.n_poses)
+    return np.convolve(per_pose, np.ones(windows.WIDTH, dtype=int), mode="valid")
+
+
+def window_rows(
+    case: Case, paper: world.Scenario, conventions: graph.Conventions, seed: int
+) -> pd.DataFrame:
+    """Scores and truth of the windows of one world that may fire.
+
+    Returns
+    -------
+    one row per window: scenario, case, p, seed, window; error (mean over its poses, [m]),
+    failed, contaminated; the scores; oracle (on the paper's scenario: the disagreement with the
+    estimate that knows all labels, which no detector has)
+    """
+    the_world = case.draw(paper, seed)
+    solution = graph.run_isam2(the_world, conventions)
+    table = scores(the_world, conventions, solution)
+    oracle = np.full_like(solution.poses, np.nan)
+    if case.scenario == "paper":
+        oracle, _ = robust.estimate(the_world, conventions, "oracle", "first_poses")
+    errors = np.linalg.norm((solution.poses - the_world.poses)[:, :2], axis=1)
+    truth = {
+        "scenario": case.scenario, "case": case.name, "p": case.p, "seed": seed,
+        "window": np.arange(len(table)),
+        "error": detectors.disagreement(solution.poses, the_world.poses),
+        "failed": windows.failures(errors),
+        "contaminated": wrong_labels(the_world) > 0,
+        "oracle": detectors.disagreement(solution.poses, oracle),
+    }  # fmt: skip
+    return table.assign(**truth).iloc[windows.FIRST_ELIGIBLE :]
+
+
+def run(
+    cases: Sequence[Case],
+    paper: world.Scenario,
+    conventions: graph.Conventions,
+    seeds: Sequence[int],
+    jobs: int,
+) -> pd.DataFrame:
+    """`window_rows` of all cases and seeds, in their order."""
+    one = joblib.delayed(window_rows)
+    tasks = [one(case, paper, conventions, seed) for case in cases for seed in seeds]
+    return pd.concat(joblib.Parallel(n_jobs=jobs)(tasks), ignore_index=True)
+
+
+def with_either(rows: pd.DataFrame, clean: pd.DataFrame) -> pd.DataFrame:
+    """The rows with the score "either", its condition number calibrated on the `clean` ones."""
+    condition = calibration.surprise(rows["condition"], clean["condition"])
+    return rows.assign(either=detectors.either(condition, rows["chi_square"].to_numpy()))
+
+
+def thresholds(clean: pd.DataFrame, alpha: float) -> dict[str, float]:
+    """Threshold per detector at a nominal rate of false alarms: a null law, or calibration."""
+    law = -np.log10(alpha)
+    return {
+        name: calibration.conformal_threshold(clean[name], alpha) if name in CALIBRATED else law
+        for name in detectors.SCORES
+    }
+
+
+def null_rates(
+    scenarios: Sequence[str], paper: world.Scenario, seeds: Sequence[int], alpha: float, jobs: int
+) -> pd.DataFrame:
+    """How the chi-square keeps its level on clean data, by preset and by where it is taken.
+
+    Returns
+    -------
+    one row per scenario, preset, seed and estimate ("iSAM2", or "settled" by batch from there):
+    fired (share of the windows that may)
+    """
+    one = joblib.delayed(_null_rates)
+    tasks = [
+        one(Case(scenario, 0.0), paper, preset, seed, alpha)
+        for scenario in scenarios
+        for preset in NULL_PRESETS
+        for seed in seeds
+    ]
+    rows = [row for found in joblib.Parallel(n_jobs=jobs)(tasks) for row in found]
+    return pd.DataFrame(rows, columns=["scenario", "preset", "seed", "estimate", "fired"])
+
+
+def _null_rates(
+    case: Case, paper: world.Scenario, preset: str, seed: int, alpha: float
+) -> list[tuple]:
+    the_world, conventions = case.draw(paper, seed), graph.PRESETS[preset]
+    solution, rows = graph.run_isam2(the_world, conventions), []
+    for name, found in (("iSAM2", solution), ("settled", corrected.converge(solution))):
+        covariance = chain.covariance(found, the_world, conventions)
+        test = leverage.chi_square(the_world, found.poses, found.landmarks, covariance)
+        fired = test.surprise[windows.FIRST_ELIGIBLE :] > -np.log10(alpha)
+        rows.append((case.scenario, preset, seed, name, float(fired.mean())))
+    return rows

@@ -1,0 +1,249 @@
+"""Driver of notebook 06: which trigger sees what, and at which rate of false alarms."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+import pandas as pd
+from pydantic import Field, model_validator
+
+from sngr_utils import (
+    calibration,
+    clustered,
+    detection_study,
+    detection_summary,
+    detectors,
+    graph,
+    report,
+    windows,
+)
+from sngr_utils.detection_study import Case
+from sngr_utils.world import Positive, Probability, Scenario, Seed
+
+READING = "C"  # preset: GTSAM's own iSAM2 settings
+NULL_SCENARIOS = ("radius 3 m", "100 poses")  # where the estimate that is tested matters
+EVERY_P = "all p"
+AT_LIMIT = {"disagreement": windows.FAILURE_ERROR}  # its threshold is what failure means
+
+Share = Annotated[float, Field(gt=0, lt=1)]
+
+
+class Config(Scenario):
+    """Parameters of the study of triggers. Worlds are those of seeds first_seed and following.
+
+    n_seeds : worlds of every case on the paper's scenario, and clean ones of every other
+    n_calibration : clean worlds of the thresholds, of the seeds after these
+    n_shifted : worlds of every shifted scenario with wrong labels
+    p_levels : wrong labels everywhere; burst_levels : in a burst of burst_poses poses
+    p_shifted : wrong labels on the shifted scenarios
+    nominal : rate of false alarms that thresholds are set for
+    tau : the paper's threshold on the condition number
+    seed_shown, p_shown : the world with a burst of the figure along a trajectory
+    jobs : processes; results do not depend on it
+    """
+
+    first_seed: Seed = 100
+    n_seeds: Annotated[int, Field(ge=2)] = 30
+    n_calibration: Annotated[int, Field(ge=1)] = 30
+    n_shifted: Annotated[int, Field(ge=2)] = 12
+    p_levels: Annotated[list[Probability], Field(min_length=1)] = [0.05, 0.1, 0.2, 0.4]
+    burst_levels: Annotated[list[Probability], Field(min_length=1)] = [0.3, 0.6]
+    burst_poses: Annotated[int, Field(ge=1)] = 7
+    p_shifted: Probability = 0.2
+    nominal: Share = 0.05
+    tau: Positive = 3.96
+    seed_shown: Seed = 102
+    p_shown: Probability = 0.6
+    jobs: Annotated[int, Field(ge=1)] = 2
+
+    @model_validator(mode="after")
+    def _consistent(self):
+        for name in ("p_levels", "burst_levels"):
+            values = getattr(self, name)
+            if len(set(values)) < len(values) or 0 in values:
+                raise ValueError(f"{name} is {values}: it must not repeat a value, nor hold 0")
+        if self.burst_poses > self.n_poses:
+            raise ValueError(f"burst_poses is {self.burst_poses}: there are {self.n_poses} poses")
+        return self
+
+    @property
+    def scenario(self) -> Scenario:
+        return self.part(Scenario)
+
+    @property
+    def seeds(self) -> range:
+        return range(self.first_seed, self.first_seed + self.n_seeds)
+
+    @property
+    def few(self) -> range:
+        return range(self.first_seed, self.first_seed + self.n_shifted)
+
+    def worlds(self, cases: list[Case], seeds: range) -> pd.DataFrame:
+        """All windows of these cases, see `detection_study.window_rows`."""
+        conventions = graph.PRESETS[READING]
+        return detection_study.run(cases, self.scenario, conventions, seeds, self.jobs)
+
+
+@dataclass(frozen=True)
+class Study:
+    """Windows with their scores and their truth, and the thresholds.
+
+    Attributes
+    ----------
+    calibration : windows of the clean worlds that the thresholds come from
+    rows : windows of the paper's scenario: clean, wrong labels everywhere, bursts
+    shifted : windows of the shifted scenarios, clean and with wrong labels
+    thresholds : per detector, at the nominal rate
+    """
+
+    calibration: pd.DataFrame
+    rows: pd.DataFrame
+    shifted: pd.DataFrame
+    thresholds: dict[str, float]
+
+    @property
+    def clean(self) -> pd.DataFrame:
+        """The clean windows of all scenarios, none of them used for calibration."""
+        return pd.concat([self.rows.query("p == 0"), self.shifted.query("p == 0")])
+
+    @property
+    def noisy(self) -> pd.DataFrame:
+        """Windows of the paper's scenario with wrong labels, and all levels of p as one case."""
+        noisy = self.rows.query("p > 0")
+        everywhere = noisy[noisy["case"].str.startswith("p =")]
+        return pd.concat([noisy, everywhere.assign(case=EVERY_P)])
+
+
+def run(config: Config) -> Study:
+    """Calibrate on clean worlds, then score every window of all others."""
+    last = config.first_seed + config.n_seeds
+    clean = config.worlds([Case("paper", 0.0)], range(last, last + config.n_calibration))
+    cases = [Case("paper", p) for p in (0.0, *config.p_levels)]
+    cases += [Case("paper", p, config.burst_poses) for p in config.burst_levels]
+    others = [name for name in detection_study.SCENARIOS if name != "paper"]
+    shifted = [
+        config.worlds([Case(name, p) for name in others], seeds)
+        for p, seeds in ((0.0, config.seeds), (config.p_shifted, config.few))
+    ]
+    tables = [clean, config.worlds(cases, config.seeds), pd.concat(shifted, ignore_index=True)]
+    tables = [detection_study.with_either(table, clean) for table in tables]
+    return Study(*tables, detection_study.thresholds(tables[0], config.nominal))
+
+
+def run_null(config: Config) -> pd.DataFrame:
+    """The level of the chi-square by preset, and by where the residuals are taken."""
+    return detection_study.null_rates(
+        NULL_SCENARIOS, config.scenario, config.seeds, config.nominal, config.jobs
+    )
+
+
+def run_shown(config: Config) -> pd.DataFrame:
+    """All windows of one world with a burst, and the wrong labels of each."""
+    case = Case("paper", config.p_shown, config.burst_poses)
+    the_world = case.draw(config.scenario, config.seed_shown)
+    rows = config.worlds([case], range(config.seed_shown, config.seed_shown + 1))
+    wrong = detection_study.wrong_labels(the_world)[windows.FIRST_ELIGIBLE :]
+    return rows.assign(wrong=wrong)
+
+
+def calibration_rows(study: Study, config: Config, *, rng: np.random.Generator) -> pd.DataFrame:
+    """The calibrated thresholds, and two intervals for the quantile they estimate.
+
+    Returns
+    -------
+    one row per calibrated detector: threshold; low, high by order statistics, as if windows
+    were independent; worlds_low, worlds_high, with whole worlds drawn
+    """
+    clean, rows = study.calibration, []
+    for name in detection_study.CALIBRATED:
+        low, high = calibration.quantile_interval(clean[name], config.nominal)
+        drawn = clustered.quantile(
+            clean[name].to_numpy(), 1 - config.nominal, clean["seed"].to_numpy(), rng=rng
+        )
+        rows.append({
+            "detector": name, "threshold": study.thresholds[name], "low": low, "high": high,
+            "worlds_low": drawn.low, "worlds_high": drawn.high,
+        })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def levels(study: Study, *, rng: np.random.Generator) -> pd.DataFrame:
+    """Every detector at its nominal rate on the clean worlds of all scenarios.
+
+    And "at_limit": the disagreement at the failure limit, whose false alarms are those among the
+    windows that did not fail.
+    """
+    clean = study.clean.assign(at_limit=study.clean["disagreement"])
+    rules = {**study.thresholds, "at_limit": windows.FAILURE_ERROR}
+    return detection_summary.decisions(clean, rules, "failed", rng=rng)
+
+
+def rankings(study: Study, truth: str, *, rng: np.random.Generator) -> pd.DataFrame:
+    """How well every score ranks windows by `truth`, and the disagreement with the oracle."""
+    names = [*detectors.SCORES, "oracle"]
+    return detection_summary.ranking(study.noisy, names, truth, rng=rng)
+
+
+def decisions(study: Study, *, rng: np.random.Generator) -> pd.DataFrame:
+    """Failure, by every detector at its threshold; the disagreement's is the failure limit."""
+    rules = {**study.thresholds, **AT_LIMIT}
+    return detection_summary.decisions(study.noisy, rules, "failed", rng=rng)
+
+
+def claims(study: Study, config: Config, *, rng: np.random.Generator) -> pd.DataFrame:
+    """The paper's score at its threshold and at ours, beside two others, from p = 0 on."""
+    rules = {
+        "condition": config.tau, "calibrated": study.thresholds["condition"],
+        "chi_square": study.thresholds["chi_square"], **AT_LIMIT,
+    }  # fmt: skip
+    everywhere = study.rows[study.rows["case"].str.startswith("p =")]
+    everywhere = everywhere.assign(calibrated=everywhere["condition"])
+    return detection_summary.decisions(everywhere, rules, "failed", rng=rng)
+
+
+def shifted(study: Study, *, rng: np.random.Generator) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Ranking by failure, and decisions at the failure limit, on shifted scenarios."""
+    rows = study.shifted.query("p > 0")
+    names = ["condition", "chi_square", "disagreement", "disagreement_sigmas"]
+    return (
+        detection_summary.ranking(rows, names, "failed", rng=rng),
+        detection_summary.decisions(rows, AT_LIMIT, "failed", rng=rng),
+    )
+
+
+def record(
+    failed: pd.DataFrame, contaminated: pd.DataFrame, decided: pd.DataFrame,
+    clean: pd.DataFrame, to: report.Report,
+) -> None:  # fmt: skip
+    """Hand on what the paper's text quotes. Standard errors are those of the intervals."""
+
+    def value(key, row, column, fmt):
+        error = (row[f"{column}_high"] - row[f"{column}_low"]) / (2 * 1.96)
+        to.value(key, row[column], fmt, "", error, int(row["worlds"]))
+
+    for name, table in (("failed", failed), ("contaminated", contaminated)):
+        for _, row in table.iterrows():
+            here = f"{row['detector']}.{slug(row['case'])}"
+            value(f"triggers.auc.{name}.{here}", row, "auc", ".2f")
+    for case, rows in failed.groupby("case", sort=False):
+        to.value(f"triggers.base_rate.{slug(case)}", rows["base_rate"].iloc[0], ".2f", within=0.02)
+    for _, row in decided.iterrows():
+        value(f"triggers.mcc.{row['detector']}.{slug(row['case'])}", row, "mcc", ".2f")
+    percent = clean.assign(**{c: 100 * clean[c] for c in ("fired", "fired_low", "fired_high")})
+    for _, row in percent.iterrows():
+        key = f"triggers.level.{row['detector']}.{slug(row['scenario'])}"
+        value(key, row, "fired", ".1f")
+    for scenario, rows in clean.groupby("scenario", sort=False):
+        failed_here, n = 100 * rows["base_rate"].iloc[0], int(rows["worlds"].iloc[0])
+        to.value(f"triggers.level.failed.{slug(scenario)}", failed_here, ".0f", n=n, within=5)
+    lawful = percent.loc[percent["detector"] == "chi_square_robust", "fired"]
+    to.value("triggers.level.lowest", lawful.min(), ".1f", within=1)
+    to.value("triggers.level.highest", lawful.max(), ".1f", within=1)
+    limit = 100 * clean.loc[clean["detector"] == "at_limit", "false_alarms"]
+    to.value("triggers.level.at_limit.highest", limit.max(), ".1f", within=1)
+    to.value("triggers.level.scenarios", len(lawful), ".0f")
+
+
+def slug(name: str) -> str:
+    """ "burst, p = 0.3" -> "burst_p0.3": a case or scenario as part of a key."""
+    return name.replace(",", "").replace(" = ", "").replace(" ", "_")

@@ -1,0 +1,112 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sngr_utils import chain, detection_study, detectors, graph, windows, world
+
+C = graph.PRESETS["C"]
+
+
+@pytest.fixture(scope="module")
+def run():
+    the_world = world.simulate(world.Scenario(n_poses=15), 0.2, rng=np.random.default_rng(100))
+    return the_world, graph.run_isam2(the_world, C)
+
+
+def test_condition_number_is_the_papers_score(run):
+    covariances = chain.window_covariances(run[1], run[0], C)
+    expected = [windows.score(covariance) for covariance in covariances]
+    assert np.allclose(detectors.condition_number(covariances), expected, rtol=1e-12)
+
+
+def test_largest_eigenvalue_sees_positions_only(run):
+    """100 times the unit is four decades; the headings, blown up, change nothing."""
+    covariances = chain.window_covariances(run[1], run[0], C)
+    scores = detectors.largest_eigenvalue(covariances)
+    moved = detectors.largest_eigenvalue(windows.in_units(covariances, 100))
+    assert np.allclose(moved - scores, 4)
+    scale = np.tile([1.0, 1.0, 1e4], 3)
+    assert np.allclose(detectors.largest_eigenvalue(covariances * np.outer(scale, scale)), scores)
+
+
+def test_disagreement_with_the_truth_is_failure(run):
+    the_world, solution = run
+    errors = np.linalg.norm((solution.poses - the_world.poses)[:, :2], axis=1)
+    against_truth = detectors.disagreement(solution.poses, the_world.poses)
+    assert np.array_equal(against_truth > windows.FAILURE_ERROR, windows.failures(errors))
+
+
+def test_disagreement_in_sigmas_has_its_law(run):
+    """The truth drawn about the reference: the distance to it, over sigma_D, has unit variance.
+
+    Far from the reference, where the first order is exact. Five standard errors of a standard
+    deviation over 4000 draws: fails once in 2e6 runs.
+    """
+    the_world, solution = run
+    covariance, rng = chain.covariance(solution, the_world, C), np.random.default_rng(3)
+    reference = solution.poses
+    plain = reference + np.array([30.0, -40.0, 0.0])
+    got = detectors.disagreement_sigmas(plain, reference, covariance)
+    for t in (0, 7):
+        draws = rng.multivariate_normal(np.zeros(9), covariance.windows[t], size=4000)
+        body, heading = draws.reshape(-1, 3, 3), reference[t : t + 3, 2]
+        cos, sin = np.cos(heading), np.sin(heading)
+        x = 30 - (cos * body[..., 0] - sin * body[..., 1])
+        y = -40 - (sin * body[..., 0] + cos * body[..., 1])
+        spread = np.hypot(x, y).mean(axis=1).std()
+        expected = (50 - windows.FAILURE_ERROR) / spread
+        assert got[t] == pytest.approx(expected, rel=5 / np.sqrt(2 * 4000))
+
+
+def test_equal_estimates_do_not_disagree(run):
+    the_world, solution = run
+    covariance = chain.covariance(solution, the_world, C)
+    scores = detectors.disagreement_sigmas(solution.poses, solution.poses, covariance)
+    assert np.isfinite(scores).all()
+    assert (scores < 0).all()
+
+
+def straight(n_poses, landmark):
+    """A world that drives along the x axis past one landmark (and a second far away)."""
+    poses = np.column_stack([np.arange(n_poses), np.zeros(n_poses), np.zeros(n_poses)])
+    landmarks = np.array([landmark, [100.0, 100.0]])
+    ranges = np.linalg.norm(poses[:, :2] - landmarks[0], axis=1)
+    index, zero = np.arange(n_poses), np.zeros(n_poses, dtype=int)
+    odometry = world.relative_motion(poses)
+    scenario = world.Scenario(n_poses=n_poses)
+    return world.World(poses, landmarks, odometry, index, zero, zero, ranges, scenario, poses[0])
+
+
+def test_mirror_weight_on_a_line_and_round_a_bend():
+    line = straight(10, [4.0, 3.0])
+    landmarks = np.array([[4.0, 3.0], [np.nan, np.nan]])
+    assert detectors.mirror_weight(line, line.poses, landmarks) == pytest.approx(0.5)
+    bent = line.poses.copy()
+    bent[6:, 1] = 2.0 * np.arange(1, 5)
+    distance = np.linalg.norm(bent[:, :2] - landmarks[0], axis=1)
+    turned = detectors.mirror_weight(replace(line, ranges=distance), bent, landmarks)
+    assert turned[:4] == pytest.approx(0.5)  # still on the straight part
+    assert (turned[5:] < 1e-6).all()
+
+
+def test_either_is_bonferroni():
+    first, second = np.array([3.0, 0.2, 0.1]), np.array([0.0, 2.0, 0.2])
+    joint = detectors.either(first, second)
+    assert joint == pytest.approx([3 - np.log10(2), 2 - np.log10(2), 0.0])
+    assert np.array_equal(detectors.either(first), first)
+
+
+def test_scores_read_no_truth():
+    case = detection_study.Case("paper", 0.3)
+    the_world = case.draw(world.Scenario(n_poses=12), 100)
+    blind = replace(
+        the_world,
+        poses=np.full_like(the_world.poses, np.nan),
+        landmarks=np.full_like(the_world.landmarks, np.nan),
+        source_of=np.full_like(the_world.source_of, -1),
+    )
+    solution = graph.run_isam2(the_world, C)
+    seen, unseen = (detection_study.scores(w, C, solution) for w in (the_world, blind))
+    assert np.array_equal(seen, unseen)
+    assert set(seen) - {"naive"} | {"either"} == set(detectors.SCORES)

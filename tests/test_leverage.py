@@ -1,0 +1,144 @@
+"""The chi-square of a window's ranges against a dense linear problem, and its law."""
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import L, X
+from scipy import special, stats
+
+from sngr_utils import chain, detection_study, graph, leverage, windows, world
+
+C = graph.PRESETS["C"]
+
+
+@pytest.fixture(scope="module")
+def solved():
+    """A world with an uneven number of ranges per pose, and its iSAM2 run."""
+    drawn = world.simulate(world.Scenario(n_poses=12), 0.0, rng=np.random.default_rng(100))
+    kept = np.random.default_rng(0).random(len(drawn.ranges)) < 0.7
+    drawn = detection_study.keep(drawn, kept)
+    return drawn, graph.run_isam2(drawn, C)
+
+
+def dense(the_world, solution):
+    """Whitened Jacobian of all factors, and the row of each range in the order of the world."""
+    ordering = gtsam.Ordering()
+    for key in [*map(X, range(the_world.n_poses)), *map(L, range(the_world.n_landmarks))]:
+        ordering.push_back(key)
+    factors = solution.graph
+    jacobian, _ = factors.linearize(solution.estimate).jacobian(ordering)
+    rows, start = {}, 0
+    for i in range(factors.size()):
+        factor = factors.at(i)
+        if isinstance(factor, gtsam.RangeFactor2D):
+            rows[tuple(factor.keys())] = start
+        start += factor.dim()
+    pairs = zip(the_world.pose_of, the_world.label_of, strict=True)
+    return jacobian, np.array([rows[X(int(t)), L(int(k))] for t, k in pairs])
+
+
+def chi_square_of(the_world, solution):
+    covariance = chain.covariance(solution, the_world, C)
+    return leverage.chi_square(the_world, solution.poses, solution.landmarks, covariance)
+
+
+def test_statistic_is_that_of_the_dense_problem(solved):
+    the_world, solution = solved
+    jacobian, rows = dense(the_world, solution)
+    hat = jacobian @ np.linalg.solve(jacobian.T @ jacobian, jacobian.T)
+    offset = solution.landmarks[the_world.label_of] - solution.poses[the_world.pose_of, :2]
+    residuals = (the_world.ranges - np.linalg.norm(offset, axis=1)) / 0.1
+    got = chi_square_of(the_world, solution)
+    for t in range(windows.n_windows(the_world.n_poses)):
+        mine = (the_world.pose_of >= t) & (the_world.pose_of < t + 3)
+        left = np.eye(mine.sum()) - hat[np.ix_(rows[mine], rows[mine])]
+        expected = residuals[mine] @ np.linalg.pinv(left, rcond=1e-3) @ residuals[mine]
+        assert got.statistic[t] == pytest.approx(expected, rel=1e-6)
+        assert got.squares[t] == pytest.approx(np.sum(residuals[mine] ** 2), rel=1e-9)
+        assert got.count[t] == mine.sum()
+        assert got.rank[t] == np.linalg.matrix_rank(left, tol=1e-3)
+
+
+def test_p_values_are_uniform_on_linear_problems(solved):
+    """Kolmogorov-Smirnov over 2000 draws: fails by chance once in 1e4 runs.
+
+    Without the leverage the same residuals look too small, and it finds that.
+    """
+    jacobian, rows = dense(*solved)
+    mine = rows[(solved[0].pose_of >= 5) & (solved[0].pose_of < 8)]
+    hat = jacobian @ np.linalg.solve(jacobian.T @ jacobian, jacobian.T)
+    noise = np.random.default_rng(1).normal(size=(2000, len(hat)))
+    residuals = (noise - noise @ hat)[:, mine]
+    left = np.eye(len(mine)) - hat[np.ix_(mine, mine)]
+    q, rank = leverage.quadratic_form(residuals, np.broadcast_to(left, (2000, *left.shape)))
+    assert stats.kstest(stats.chi2.sf(q, rank), "uniform").pvalue > 1e-4
+    plain = stats.chi2.sf(np.sum(residuals**2, axis=1), len(mine))
+    assert stats.kstest(plain, "uniform").pvalue < 1e-6
+
+
+def test_the_law_holds_for_isam2_on_clean_worlds():
+    """Mean of q over its rank, one window of each of 60 worlds: five standard errors of
+    sqrt(2 / (18 * 60)), exceeded once in 2e6 runs if the law were exact.
+    """
+    ratios = []
+    for seed in range(200, 260):
+        the_world = world.simulate(world.Scenario(), 0.0, rng=np.random.default_rng(seed))
+        test = chi_square_of(the_world, graph.run_isam2(the_world, C))
+        ratios.append(test.statistic[14] / test.rank[14])
+    assert np.mean(ratios) == pytest.approx(1, abs=5 * np.sqrt(2 / (18 * 60)))
+
+
+def test_one_wrong_label_is_seen(solved):
+    the_world, solution = solved
+    labels = the_world.label_of.copy()
+    m = int(np.flatnonzero(the_world.pose_of == 6)[0])
+    labels[m] = (labels[m] + 1) % the_world.n_landmarks
+    hit = replace(the_world, label_of=labels)
+    landmarks, poses = solution.landmarks, solution.poses
+    covariance = chain.covariance_at(poses, landmarks, hit, C)
+    test = leverage.chi_square(hit, poses, landmarks, covariance)
+    inside = np.arange(4, 7)
+    assert (test.surprise[inside] > 3).all()
+    assert (np.delete(test.surprise, inside) < 3).all()
+
+
+def test_an_absent_landmark_takes_its_ranges_along(solved):
+    the_world, solution = solved
+    landmarks = solution.landmarks.copy()
+    landmarks[2] = np.nan
+    absent = leverage.chi_square(
+        the_world, solution.poses, landmarks,
+        chain.covariance_at(solution.poses, landmarks, the_world, C),
+    )  # fmt: skip
+    others = detection_study.keep(the_world, the_world.label_of != 2)
+    without = leverage.chi_square(
+        others, solution.poses, landmarks,
+        chain.covariance_at(solution.poses, landmarks, others, C),
+    )  # fmt: skip
+    assert np.allclose(absent.statistic, without.statistic, rtol=1e-9)
+    assert np.array_equal(absent.rank, without.rank)
+    zero = np.zeros(2, dtype=int)
+    nothing = leverage.ChiSquare(np.zeros(2), zero, np.zeros(2), zero)
+    assert np.array_equal(nothing.surprise, [0, 0])
+
+
+def test_a_direction_without_freedom_is_left_out():
+    """Two ranges whose difference the fit takes up whole: only their sum is tested."""
+    along, across = np.array([1.0, 1.0]) / np.sqrt(2), np.array([1.0, -1.0]) / np.sqrt(2)
+    covariance = 0.5 * np.outer(along, along)
+    residuals = 2 * along + 0.3 * across
+    statistic, rank = leverage.quadratic_form(residuals[None], covariance[None])
+    assert statistic[0] == pytest.approx(4 / 0.5)
+    assert rank[0] == 1
+
+
+@pytest.mark.parametrize("rank", [2, 12, 18, 30])
+def test_tail_is_exact_far_out(rank):
+    """For an even rank the tail is a finite sum: e^-x sum x^k / k!."""
+    for statistic in (5.0, 100.0, 1190.0, 1210.0, 3e4, 1e6):
+        x, k = statistic / 2, np.arange(rank // 2)
+        expected = special.logsumexp(k * np.log(x) - special.gammaln(k + 1)) - x
+        got = leverage.log_tail(np.array([statistic]), np.array([rank]))[0]
+        assert got == pytest.approx(expected, rel=1e-6)

@@ -1,0 +1,91 @@
+"""The driver of notebook 06, its tables and its figures, on a few small worlds."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from sngr_utils import detectors, parameters, paths, report, style, triggers
+from sngr_utils import trigger_plots as plots
+from sngr_utils import trigger_tables as tables
+
+
+@pytest.fixture(scope="module")
+def config():
+    quick = parameters.read_params("06_triggers", paths.PARAMS / "quick")
+    few = {"jobs": 1, "n_poses": 12, "n_seeds": 2, "n_calibration": 2, "p_levels": [0.2]}
+    return triggers.Config(**{**quick, **few})
+
+
+@pytest.fixture(scope="module")
+def study(config):
+    return triggers.run(config)
+
+
+def test_calibration_worlds_are_used_for_nothing_else(config, study):
+    ours = set(study.calibration["seed"])
+    assert len(ours) == config.n_calibration
+    assert not ours & (set(study.rows["seed"]) | set(study.shifted["seed"]))
+    assert (study.calibration["p"] == 0).all()
+    assert not study.clean["contaminated"].any()
+
+
+def test_all_levels_of_p_are_one_case_without_bursts(study):
+    noisy = study.noisy
+    pooled = noisy[noisy["case"] == triggers.EVERY_P]
+    assert len(pooled) == len(noisy[noisy["case"].str.startswith("p =")]) > 0
+    assert noisy["case"].str.startswith("burst").any()
+
+
+def test_tables_and_what_is_handed_on(config, study, tmp_path):
+    rng = np.random.default_rng(0)
+    clean, decided = triggers.levels(study, rng=rng), triggers.decisions(study, rng=rng)
+    failed, wrong = (triggers.rankings(study, x, rng=rng) for x in ("failed", "contaminated"))
+    cases, scenarios = 3, 8
+    assert tables.level_table(clean).shape == (scenarios, 2 + len(detectors.SCORES))
+    for table, column in ((failed, "auc"), (wrong, "precision"), (failed, "within")):
+        assert tables.case_table(table, column).shape == (2 + len(detectors.SCORES), 1 + cases)
+    assert len(tables.case_table(decided, "mcc")) == 1 + len(detectors.SCORES)
+    every = triggers.EVERY_P
+    whole = tables.summary_table(failed, wrong, decided, clean, every)
+    assert whole.shape == (len(detectors.SCORES), 6)
+    claims = triggers.claims(study, config, rng=rng)
+    assert len(tables.claims_table(claims, config.tau)) == 4 * 2
+    assert len(tables.shifted_table(*triggers.shifted(study, rng=rng))) == scenarios - 1
+    assert len(tables.null_table(triggers.run_null(config))) == 2 * 2
+    rows = triggers.calibration_rows(study, config, rng=rng)
+    assert len(tables.calibration_table(rows)) == 5
+    to = report.Report("06_triggers", tmp_path)
+    triggers.record(failed, wrong, decided, clean, to)
+    to.save()
+    values = report.read_json(tmp_path / "06_triggers.json")["values"]
+    for key in ("auc.failed.disagreement.all_p", "auc.contaminated.chi_square_robust.p0.2",
+                "base_rate.p0.2", "mcc.disagreement.burst_p0.6",
+                "level.chi_square_robust.radius_3_m"):  # fmt: skip
+        assert f"triggers.{key}" in values
+
+
+def test_figures_show_what_they_are_given(config, study):
+    rng, shown = np.random.default_rng(0), triggers.run_shown(config)
+    assert shown["wrong"].sum() > 0
+    assert ((shown["wrong"] > 0) == shown["contaminated"]).all()
+    fig, axes = style.panels(7, 3, 5)
+    panels = {"condition": ("score", 4.0), "disagreement": ("[m]", 0.5)}
+    plots.draw_along(axes[:2], shown, panels)
+    assert np.array_equal(axes[1].lines[0].get_ydata(), shown["disagreement"])
+    plots.draw_states(axes[2], study.rows, (1.3, 0.5))
+    assert sum(len(line.get_xdata()) for line in axes[2].lines[:3]) == len(study.rows)
+    laws = {"a": study.rows["naive"].to_numpy(), "b": study.rows["chi_square"].to_numpy()}
+    plots.draw_p_values(axes[3], laws)
+    found = triggers.rankings(study, "failed", rng=rng)
+    plots.draw_aucs(axes[4], tables.auc_series(found, ["condition", "disagreement"]), "x", True)
+    plt.close(fig)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("p_levels", [0.1, 0.1]), ("p_levels", [0.0, 0.1]), ("burst_levels", []),
+     ("burst_poses", 31), ("nominal", 0.0), ("n_seeds", 1), ("first_seed", -1)],
+)  # fmt: skip
+def test_bad_parameters_are_named(name, value):
+    with pytest.raises(ValueError, match=name):
+        triggers.Config(**{name: value})
