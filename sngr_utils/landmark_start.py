@@ -6,7 +6,7 @@ only where it sees one place, nested sampling is asked whether that is all.
 
 import numpy as np
 
-from sngr_utils import association, place
+from sngr_utils import association, graph, place
 from sngr_utils.belief import Belief
 from sngr_utils.crediting import DROPPED
 
@@ -24,23 +24,39 @@ def start_landmarks(
     Parameters
     ----------
     by_nested : sample its posterior by nested sampling, not on a grid
-    delayed : wait until one mode holds the posterior; else the best one will do
+    delayed : wait until one mode holds the posterior; else start as the paper does
     """
     for k in np.flatnonzero(np.isnan(belief.landmarks[:, 0])):
-        mine, evidence = witnesses(belief, k)
+        mine, evidence = witnesses(belief, k, POSES_NEEDED if delayed else graph.START_AFTER)
         # a posterior changes when there is something new to see
         if evidence is None or belief.data.pose_of[mine].max() < belief.data.n_poses - 1:
             continue
-        if delayed and place.mirrored(evidence):
-            belief.counts["mirror waits"] += 1
-            continue
-        if by_nested:
-            belief.counts["landmark samples"] += 1
-        cloud = place.sample(evidence, rng=rng) if by_nested else place.grid(evidence)
-        best = place.modes(cloud, evidence)[0]
-        if best.mass > place.ENOUGH_MASS or not delayed:
-            used = belief.credit_fitting(mine, np.full(len(mine), k), best, evidence)
-            belief.insert(k, best.mean, used)
+        found = _locate(belief, evidence, by_nested, rng) if delayed else _first_poses(evidence)
+        if found is not None:
+            used = belief.credit_fitting(mine, np.full(len(mine), k), found, evidence)
+            belief.insert(k, found.mean, used)
+
+
+def _locate(
+    belief: Belief, evidence: place.Evidence, by_nested: bool, rng: np.random.Generator
+) -> place.Mode | None:
+    """The place that holds nearly all of the posterior, if there is one."""
+    if place.mirrored(evidence):
+        belief.counts["mirror waits"] += 1
+        return None
+    if by_nested:
+        belief.counts["landmark samples"] += 1
+    cloud = place.sample(evidence, rng=rng) if by_nested else place.grid(evidence)
+    best = place.modes(cloud, evidence)[0]
+    return best if best.mass > place.ENOUGH_MASS else None
+
+
+def _first_poses(evidence: place.Evidence) -> place.Mode | None:
+    """Least squares on the ranges of the first three poses, as `graph.run_isam2` starts it."""
+    _, first = np.unique(evidence.anchors, axis=0, return_index=True)
+    few = np.sort(first)[: graph.START_AFTER]
+    position = graph.start_landmark(evidence.anchors[few], evidence.ranges[few])
+    return place.Mode(position, np.eye(2), 1.0) if np.isfinite(position).all() else None
 
 
 def witnesses(

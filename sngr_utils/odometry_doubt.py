@@ -16,8 +16,13 @@ ROUGH = 3.0  # nats that a rough evidence may miss; within them nested sampling 
 STEP_LIMIT = stats.chi2.ppf(1 - 1e-4, 3)  # squared normalised error of a step that slipped
 
 
-def find_robot(belief: Belief, *, rng: np.random.Generator) -> None:
-    """Ask where the robot is, if that is open or its scan contradicts the predicted pose."""
+def find_robot(belief: Belief, by_nested: bool, *, rng: np.random.Generator) -> None:
+    """Ask where the robot is, if that is open or its scan contradicts the predicted pose.
+
+    Parameters
+    ----------
+    by_nested : sample its position by nested sampling, not on a grid
+    """
     data = belief.data
     t, known = data.n_poses - 1, np.isfinite(belief.landmarks[:, 0])
     scan = np.flatnonzero((data.pose_of == t) & known[data.label_of])
@@ -41,8 +46,9 @@ def find_robot(belief: Belief, *, rng: np.random.Generator) -> None:
     trusted = np.log(prior * here + (1 - prior) / data.ranges.max()).sum()
     if not lost and place.rough_evidence(evidence) - trusted < SLIP_ODDS - ROUGH:
         return
-    belief.counts["position samples"] += 1
-    cloud = place.sample(evidence, rng=rng)
+    if by_nested:
+        belief.counts["position samples"] += 1
+    cloud = place.sample(evidence, rng=rng) if by_nested else place.grid(evidence)
     if not lost:
         if cloud.log_evidence - trusted < SLIP_ODDS:
             return

@@ -27,9 +27,9 @@ BETTER = 1.0  # nats that an estimate of EM must gain to be adopted
 class Settings(Checked):
     """What can be switched off, to see what it is worth; the defaults are the method.
 
-    nested : landmarks start by nested sampling, not on a grid; False also takes the odometry
-        at its word, which is the other place where nested sampling is asked
-    delayed : a landmark waits until its posterior has one mode
+    nested : the two questions are put to nested sampling, not to a grid
+    delayed : a landmark waits until its posterior has one mode; else it starts by least squares
+        on its first three poses, as in the paper
     exclusive : no two ranges of a scan come from the same landmark
     swap : a range may be credited to another landmark than its label's, not only dropped
     sweep : earlier ranges are credited anew at every step
@@ -59,6 +59,7 @@ class OnlineEstimate:
     ----------
     poses : (T, 3), [m, m, rad]
     landmarks : (K, 2), [m]; NaN for one that is not started
+    graph_poses : (T, 3) those of iSAM2's graph, which takes the credits for certain
     used : (M,) int, landmark each range is credited to, -1 for none
     position_covariances : (T, 2, 2) in the world frame, [m^2]
     p : share of wrong labels, estimated
@@ -71,6 +72,7 @@ class OnlineEstimate:
 
     poses: np.ndarray
     landmarks: np.ndarray
+    graph_poses: np.ndarray
     used: np.ndarray
     position_covariances: np.ndarray
     p: float
@@ -136,8 +138,8 @@ class Online:
         """One pose more; `data` is all that was measured up to it."""
         belief, settings = self.belief, self.settings
         belief.predict(data)
-        if settings.doubt_odometry and settings.nested:
-            odometry_doubt.find_robot(belief, rng=self.rng)
+        if settings.doubt_odometry:
+            odometry_doubt.find_robot(belief, settings.nested, rng=self.rng)
         belief.confirm()
         self._credit(newest_only=not settings.sweep)
         landmark_start.start_landmarks(belief, settings.nested, settings.delayed, rng=self.rng)
@@ -230,5 +232,5 @@ class Online:
         belief.counts["dropped"] = int(np.sum(used == DROPPED))
         belief.counts["swapped"] = int(np.sum((used != DROPPED) & (used != data.label_of)))
         return OnlineEstimate(
-            poses, landmarks, used, covariances, belief.p, filtered, belief.counts
+            poses, landmarks, belief.poses, used, covariances, belief.p, filtered, belief.counts
         )

@@ -20,24 +20,28 @@ COUNTS = (
     "slips", "swapped", "dropped",
 )  # fmt: skip
 
-VARIANTS = {
-    NAME: Settings(),
-    "no nested sampling": Settings(nested=False),
-    "landmarks not delayed": Settings(delayed=False),
-    "no exclusion in a scan": Settings(exclusive=False),
-    "drop, no swap": Settings(swap=False),
-    "no second look": Settings(sweep=False),
-    "no restart": Settings(restart=False),
-    "neither": Settings(sweep=False, restart=False),
-    "p held at 0.1": Settings(p=0.1),
-    "read out hard": Settings(soft=False),
+PARTS = {  # what a variant changes of the settings
+    NAME: {},
+    "no nested sampling": {"nested": False},
+    "landmarks as in the paper": {"delayed": False},
+    "no exclusion in a scan": {"exclusive": False},
+    "drop, no swap": {"swap": False},
+    "no second look": {"sweep": False},
+    "p held at 0.1": {"p": 0.1},
 }
+NO_NETS = {"restart": False, "soft": False}  # EM in trouble, and in what is read out
+
+
+def variants(nets: bool) -> dict[str, Settings]:
+    """Every part switched off by itself, with the two safety nets of EM or without them."""
+    without = {} if nets else NO_NETS
+    return {name: Settings(**change, **without) for name, change in PARTS.items()}
 
 
 def run_variants(
     scenario: world.Scenario,
     conventions: graph.Conventions,
-    variants: Mapping[str, Settings],
+    settings: Mapping[str, Settings],
     p_levels: Sequence[float],
     seeds: Sequence[int],
     jobs: int | None = None,
@@ -47,22 +51,23 @@ def run_variants(
     Returns
     -------
     one row per p, seed and variant, with the columns of `estimators.compare` (start "none"),
-    then filtered_rmse (of each pose when it was the newest), [m], p_found, miscredited (ranges
+    then graph_rmse (of iSAM2's graph) and filtered_rmse (of each pose when it was the newest),
+    [m], p_found, miscredited (ranges
     credited to another landmark than they came from) and how often what was done, see
     `online.OnlineEstimate`
     """
     one = joblib.delayed(_variants_of_one)
-    tasks = [one(scenario, conventions, variants, p, seed) for p in p_levels for seed in seeds]
+    tasks = [one(scenario, conventions, settings, p, seed) for p in p_levels for seed in seeds]
     rows = [row for world_rows in joblib.Parallel(n_jobs=jobs)(tasks) for row in world_rows]
     return pd.DataFrame(rows)
 
 
-def _variants_of_one(scenario, conventions, variants, p, seed) -> list[dict]:
+def _variants_of_one(scenario, conventions, settings, p, seed) -> list[dict]:
     the_world = world.simulate(scenario, p, rng=np.random.default_rng(seed))
     key = {"start": "none", "p": p, "seed": seed}
     return [
-        {"method": name, **key, **_judged(the_world, conventions, settings, seed)}
-        for name, settings in variants.items()
+        {"method": name, **key, **_judged(the_world, conventions, one, seed)}
+        for name, one in settings.items()
     ]
 
 
@@ -83,6 +88,7 @@ def _judged(
             the_world, conventions, found.poses, found.position_covariances
         ),
         "seconds": seconds,
+        "graph_rmse": metrics.rmse(found.graph_poses[:, :2], truth),
         "filtered_rmse": metrics.rmse(found.filtered[:, :2], truth),
         "p_found": found.p,
         "miscredited": int(wrong.sum()),

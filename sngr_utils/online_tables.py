@@ -93,21 +93,18 @@ def counts_table(runs: pd.DataFrame, n_windows: int) -> pd.DataFrame:
 
 
 def ablation_table(runs: pd.DataFrame) -> pd.DataFrame:
-    """Ratio to the oracle (mean, worst), NEES and CPU time of every variant."""
-    levels = list(dict.fromkeys(runs["p"]))
-    by = runs.set_index(["method", "p"]).sort_index()
-    rows = []
-    for name in dict.fromkeys(runs["method"]):
-        if name == "oracle":
-            continue
-        groups = [by.loc[(name, p)] for p in levels]
-        cells = [
-            cell
-            for group in groups
-            for cell in (t(group["ratio"].mean()), t(group["ratio"].max()), t(group["nees"].mean()))
-        ]
-        rows.append([name, *cells])
-    heads = [(f"p = {p:g}", name) for p in levels for name in ("ratio", "worst", "NEES")]
+    """Ratio to the oracle (mean, worst) of every variant, with and without the nets of EM."""
+    by = runs[runs["method"] != "oracle"].groupby(["method", "p", "nets"])["ratio"]
+    mean, worst = by.mean(), by.max()
+    columns = [(p, nets) for p in dict.fromkeys(runs["p"]) for nets in (True, False)]
+    rows = [
+        [name, *(t(of[name, p, nets]) for p, nets in columns for of in (mean, worst))]
+        for name in online_study.PARTS
+    ]
+    words = {True: "with both nets", False: "without"}
+    heads = [
+        (f"p = {p:g}, {words[nets]}", what) for p, nets in columns for what in ("ratio", "worst")
+    ]
     return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples([("", "variant"), *heads]))
 
 
