@@ -135,12 +135,12 @@ def few_poses(config: Config) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, 
     """What `FEW` poses know of one landmark of the first world: samples, poses, landmark, mass.
 
     The labels of this picture are the true ones: it is about geometry. The landmark is the one
-    that is farthest from the line of the first poses, and so has the farthest mirror image.
+    nearest to where the robot starts, whose mirror image is not far either.
     """
     the_world = _filmed(config)
     blind = world.dead_reckoning(the_world.x0_mean, the_world.odometry)
     variances = world.dead_reckoning_variances(blind, config.scenario) + config.range_sigma**2
-    k = int(np.argmin(the_world.landmarks[:, 0]))
+    k = int(np.argmax(the_world.landmarks[:, 0]))
     panels = []
     for n in FEW:
         mine = np.flatnonzero((the_world.source_of == k) & (the_world.pose_of < n))

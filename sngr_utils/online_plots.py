@@ -77,6 +77,7 @@ def draw_summary(ax: Axes, series: dict[str, tuple[np.ndarray, np.ndarray]]) -> 
         )  # fmt: skip
     ax.axhline(1, color=style.TRUTH, lw=0.6, zorder=1)
     ax.set(yscale="log", xlabel="share of wrong associations p", yticks=[1, 2, 5, 10, 20, 50])
+    ax.set_ylim(bottom=0.85)
     ax.set_ylabel("pose RMSE over the oracle's")
     ax.yaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_minor_formatter(NullFormatter())
@@ -95,5 +96,5 @@ def draw_posteriors(ax: Axes, panel) -> None:
     ax.plot(*cloud.T, ".", ms=0.8, color=style.PRIOR, alpha=0.5)
     ax.plot(*positions.T, "o-", color=style.TRUTH, ms=2.5)
     ax.plot(*landmark, "+", ms=8, color=style.TRUTH)
-    ax.set(xlim=(-7.5, 12), ylim=(-9, 9), aspect="equal", xticks=[], yticks=[])
+    ax.set(xlim=(-2, 12), ylim=(-6, 8), aspect="equal", xticks=[], yticks=[])
     ax.set_title(f"{len(positions)} poses: first mode {mass:.2f}")
