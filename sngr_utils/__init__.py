@@ -50,8 +50,17 @@ what stands above it in this list:
 `clustered`       how well scores rank or decide, drawing whole worlds
 `detection_study` what every detector says of every window, and the truth beside it
 `detection_summary` the same summed up: ranking, decisions, false alarms
+`place`           the posterior of one place, from ranges any of which may be wrong
+`crediting`       to which landmark a range is credited: innovations, gate, posterior
+`smoother`        iSAM2 with factors that have names and can be taken out
+`belief`          what the online estimator holds
+`landmark_start`  landmarks that wait until their place is known
+`odometry_doubt`  steps of the odometry that slipped, and where the robot is then
+`online`          association-aware SNGR, online
+`online_study`    the same over many worlds: variants, slips, a film
 `plots`           ``draw_*(ax, data)``
 `peer_plots`      those of notebook 07
+`online_plots`    those of notebook 08
 `report`          results -> JSON -> LaTeX values and tables
 `trigger_tables`  the tables of notebook 06
 `trigger_plots`   its figures
@@ -62,9 +71,10 @@ what stands above it in this list:
 `rules`           how a verdict follows from a printed value and ours
 `parameters`      reads ``params/*.yaml`` and checks every value
 `bimodal` ...     one driver per notebook: `bimodal`, `trigger_sweep`, `full_sngr`, `cost`,
-                  `audit`, `triggers`, `peers`, `multimodal`
+                  `audit`, `triggers`, `peers`, `association_aware`, `multimodal`
 `audit_tables`    the tables of notebook 05
 `peer_tables`     those of notebook 07
+`online_tables`   those of notebook 08
 `multimodal_tables` those of notebook 09
 `claims`          what the paper claims, from ``paper/claims.yaml``
 `verdicts`        a verdict on every claim

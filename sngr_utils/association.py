@@ -21,7 +21,8 @@ WIDEST = 6.0  # range sigmas that the annealed one starts with: a landmark start
 COOLING = 0.7  # per iteration
 NEGLIGIBLE = 1e-3  # responsibilities below it make no factor
 ITERATIONS, SETTLED = 60, 1e-4  # of EM: at most, and when no position moves more, [m]
-MOST_MISSING = 0.9  # of the information in any direction, see `_covariances`
+LEAST = -50.0  # log weight, against a range's largest, below which all weights are alike
+MOST_MISSING = 0.9  # of the information in any direction, see `position_covariances`
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,8 @@ def exclusive_posterior(log_weights: np.ndarray) -> np.ndarray:
 
     Exact: the sum over all matchings, by forward and backward recursions over subsets of the
     landmarks (a permanent, in N K 2^K operations). "None" may be taken any number of times.
+    Weights below e^-50 of a range's largest are raised to that, so that 14 of them, where two
+    ranges fit one landmark only, do not underflow together.
 
     Raises
     ------
@@ -79,7 +82,8 @@ def exclusive_posterior(log_weights: np.ndarray) -> np.ndarray:
     n_landmarks = log_weights.shape[1] - 1
     if n_landmarks > MOST_LANDMARKS:
         raise ValueError(f"n_landmarks is {n_landmarks}: mutual exclusion takes {MOST_LANDMARKS}")
-    scaled = np.exp(log_weights - log_weights.max(axis=1, keepdims=True))
+    relative = log_weights - log_weights.max(axis=1, keepdims=True)
+    scaled = np.where(np.isneginf(relative), 0.0, np.exp(np.maximum(relative, LEAST)))
     found = _matchings(scaled)
     if not np.isfinite(found).all():
         raise ValueError("log_weights allow no matching of ranges and landmarks")
@@ -146,6 +150,7 @@ def fit(
     start: robust.Estimate,
     exclusive: bool,
     widest: float = WIDEST,
+    sure: gtsam.NonlinearFactorGraph | None = None,
 ) -> SoftEstimate:
     """EM from the poses and landmarks of `start`, the range sigma annealed from `widest` times.
 
@@ -153,11 +158,15 @@ def fit(
     Levenberg-Marquardt on ranges weighted by them. A wide sigma at first lets a range look
     beyond the landmark that a bad start makes likely.
 
+    Parameters
+    ----------
+    sure : the factors that are not doubted; None for those of `robust.sure_factors`
+
     Source: Dempster, Laird, Rubin, JRSS B 39, 1977; soft association in SLAM: Bowman et al.,
     ICRA 2017; annealing: Ueda, Nakano, Neural Networks 11, 1998.
     """
     poses, landmarks = start[0].copy(), start[1].copy()
-    sure = robust.sure_factors(the_world, conventions, landmarks)
+    sure = sure or robust.sure_factors(the_world, conventions, landmarks)
     p, width = 0.5, widest
     for _ in range(ITERATIONS):
         weights = responsibilities(the_world, poses, landmarks, p, width, exclusive)
@@ -169,7 +178,7 @@ def fit(
         if width == 1.0 and moved < SETTLED:
             break
         width = max(1.0, COOLING * width)
-    covariances = _covariances(sure, the_world, poses, landmarks, weights)
+    covariances = position_covariances(sure, the_world, poses, landmarks, weights)
     return SoftEstimate(poses, landmarks, weights[:, :-1], p, covariances)
 
 
@@ -237,7 +246,7 @@ def _optimise(
     return graph.poses_of(result, len(poses)), graph.landmarks_of(result, len(landmarks))
 
 
-def _covariances(
+def position_covariances(
     sure: gtsam.NonlinearFactorGraph,
     the_world: world.World,
     poses: np.ndarray,

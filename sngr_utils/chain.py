@@ -74,7 +74,8 @@ def selected_inverse(
     odometry : (T-1, 3) measured motion in the body frame of t, [m, m, rad]
     pose_of, label_of : (M,) int, pose and landmark that each range joins
     x0_mean : (3,) mean of the prior on pose 0, [m, m, rad]
-    x0_sigmas, odometry_sigmas : (3,) per component, [m, m, rad]
+    x0_sigmas : (3,) per component, [m, m, rad]
+    odometry_sigmas : (3,) of all steps, or (T-1, 3), [m, m, rad]
     landmark_prior_sigma, range_sigma : [m]
 
     Raises
@@ -91,6 +92,8 @@ def selected_inverse(
     )
     pose_of, label_of = (np.array(a, dtype=np.int64, order="C") for a in (pose_of, label_of))
     n_poses, n_landmarks = len(poses), len(landmarks)
+    if odometry_sigmas.ndim == 1:
+        odometry_sigmas = np.tile(odometry_sigmas, (n_poses - 1, 1))
     _check_shapes({
         "poses": (poses, (max(n_poses, 3), 3)),
         "landmarks": (landmarks, (n_landmarks, 2)),
@@ -98,9 +101,9 @@ def selected_inverse(
         "label_of": (label_of, pose_of.shape),
         "x0_mean": (x0_mean, (3,)),
         "x0_sigmas": (x0_sigmas, (3,)),
-        "odometry_sigmas": (odometry_sigmas, (3,)),
+        "odometry_sigmas": (odometry_sigmas, (n_poses - 1, 3)),
     })
-    sigmas = [*x0_sigmas, *odometry_sigmas, landmark_prior_sigma, range_sigma]
+    sigmas = [*x0_sigmas, *odometry_sigmas.ravel(), landmark_prior_sigma, range_sigma]
     _check_values(
         poses,
         odometry,

@@ -28,7 +28,8 @@ class Factors(NamedTuple):
         priors, ranges between points and ranges from poses: the order of the next two
     of : (F, 2) rows of the poses or points of each factor
     measured : (F, 8) the measurement (a pose in five numbers, a point in two, a range in one)
-        and, in the last three columns, 1 / sigma
+        and, in the last three columns, 1 / sigma. The second number of a range from a pose or
+        a point is its floor, see `range_residual`; 0 for an ordinary one
     quadratic : (d, d) Q of an additional energy 1/2 xi^T Q xi; (0, 0) for none
     linear : (d,) g of an additional energy g^T xi; (0,) for none
     factor : on the sum of GTSAM's error(), see `nested.SamplerSettings`
@@ -213,10 +214,20 @@ def point_residual(points, of, measured, f):
 
 @compile_once
 def range_residual(from_rows, points, of, measured, f):
-    """The whitened residual of factor f, a range from a pose or a point to a point."""
+    """The whitened residual e of factor f, a range from a pose or a point to a point.
+
+    A range that may be wrong has the density exp(-e^2 / 2) + floor instead of exp(-e^2 / 2), up
+    to a factor. Its residual is the number whose half square is minus the log of that density
+    over its largest value, 1 + floor.
+    """
     i, k = of[f, 0], of[f, 1]
     dx, dy = from_rows[i, 0] - points[k, 0], from_rows[i, 1] - points[k, 1]
-    return (math.sqrt(dx * dx + dy * dy) - measured[f, 0]) * measured[f, 5]
+    e = (math.sqrt(dx * dx + dy * dy) - measured[f, 0]) * measured[f, 5]
+    floor = measured[f, 1]
+    if floor == 0.0:
+        return e
+    loss = math.log1p(floor) - math.log(math.exp(-0.5 * e * e) + floor)
+    return math.copysign(math.sqrt(2 * max(loss, 0.0)), e)
 
 
 @compile_once
@@ -279,6 +290,8 @@ def energy(factors, xi, poses, points, limit):
         total += x * x + y * y
     end += factors.counts[4]
     for f in range(end, end + factors.counts[5]):
+        if total > enough:
+            break
         e = range_residual(points, points, of, measured, f)
         total += e * e
     for f in range(end + factors.counts[5], len(of)):

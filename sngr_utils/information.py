@@ -88,7 +88,10 @@ def _add_product(left, weights, right, out):
 
 @compile_once
 def add_odometry(poses, x0_mean, x0_weights, odometry, odometry_weights, own, rest):
-    """Add the prior on pose 0 and the T-1 odometry factors to the information blocks."""
+    """Add the prior on pose 0 and the T-1 odometry factors to the information blocks.
+
+    odometry_weights : (T-1, 3) one over the squared sigmas of each step
+    """
     by_first, by_second = np.empty((3, 3)), np.empty((3, 3))
     frame = _frame(poses[0])
     _log_derivative(_relative(_frame(x0_mean), frame), by_first)
@@ -96,9 +99,9 @@ def add_odometry(poses, x0_mean, x0_weights, odometry, odometry_weights, own, re
     for t in range(len(odometry)):
         following = _frame(poses[t + 1])
         _odometry_jacobians(frame, following, _frame(odometry[t]), by_first, by_second)
-        _add_product(by_first, odometry_weights, by_first, own[t])
-        _add_product(by_second, odometry_weights, by_second, own[t + 1])
-        _add_product(by_first, odometry_weights, by_second, rest[t])
+        _add_product(by_first, odometry_weights[t], by_first, own[t])
+        _add_product(by_second, odometry_weights[t], by_second, own[t + 1])
+        _add_product(by_first, odometry_weights[t], by_second, rest[t])
         frame = following
 
 

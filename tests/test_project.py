@@ -25,14 +25,17 @@ ORDER = [
     "sweeps", "robust", "association", "switchable", "mixtures",
     "crossings", "particles", "fastslam", "estimators",
     "leverage", "detectors", "calibration", "clustered", "detection_study", "detection_summary",
-    "plots", "peer_plots", "report", "trigger_tables", "trigger_plots", "multimodal_plots", "bench",
+    "place", "crediting", "smoother", "belief", "landmark_start", "odometry_doubt", "online",
+    "online_study", "plots", "peer_plots", "online_plots", "report", "trigger_tables",
+    "trigger_plots", "multimodal_plots", "bench",
     "printed", "contradictions", "rules", "parameters", "bimodal", "trigger_sweep",
     "full_sngr", "cost", "triggers", "audit_tables", "audit", "peer_tables", "peers",
-    "multimodal", "multimodal_tables",
+    "online_tables", "association_aware", "multimodal", "multimodal_tables",
     "claims", "verdicts", "verdict_tables", "warm_up", "run", "verify",
 ]  # fmt: skip
 DRIVERS = {
-    "bimodal", "trigger_sweep", "full_sngr", "cost", "audit", "triggers", "peers", "multimodal",
+    "bimodal", "trigger_sweep", "full_sngr", "cost", "audit", "triggers", "peers",
+    "association_aware", "multimodal",
 }  # fmt: skip
 
 

@@ -1,0 +1,213 @@
+"""Driver of notebook 08: SNGR that asks where ranges come from, online."""
+
+import re
+from dataclasses import replace
+from typing import Annotated
+
+import numpy as np
+import pandas as pd
+from pydantic import Field, model_validator
+
+from sngr_utils import (
+    estimators,
+    graph,
+    online,
+    online_study,
+    online_tables,
+    place,
+    report,
+    windows,
+    world,
+)
+from sngr_utils.world import Positive, Probability, Scenario, Seed
+
+Levels = Annotated[list[Probability], Field(min_length=1)]
+READING = "C"  # preset: GTSAM's own iSAM2 settings
+FRAMES = [3, 5, 8, 15, 29]  # poses at which the film is stopped
+FEW = (2, 3, 4, 6)  # poses of the first picture
+
+
+class Config(Scenario):
+    """Parameters of the study. Worlds are those of seeds first_seed, first_seed + 1, ...
+
+    n_seeds : worlds
+    p_levels : shares of wrong associations
+    p_peers : those, among p_levels, at which all peers run too
+    n_ablation, p_ablation : worlds and levels of the variants
+    n_slip, p_slip, slip_steps, slip_sigma : worlds with slips of the odometry
+    p_film : share of wrong associations of the run that is drawn
+    jobs : processes; results do not depend on it
+    """
+
+    first_seed: Seed = 100
+    n_seeds: Annotated[int, Field(ge=2)] = 30
+    p_levels: Levels = [0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5]
+    p_peers: Levels = [0.2, 0.3, 0.4, 0.5]
+    n_ablation: Annotated[int, Field(ge=2)] = 15
+    p_ablation: Levels = [0.4]
+    n_slip: Annotated[int, Field(ge=2)] = 20
+    p_slip: Probability = 0.3
+    slip_steps: Annotated[int, Field(ge=1)] = 4
+    slip_sigma: Positive = 0.7
+    p_film: Probability = 0.4
+    jobs: Annotated[int, Field(ge=1)] = 2
+
+    @model_validator(mode="after")
+    def _consistent(self):
+        for name in ("p_levels", "p_peers", "p_ablation"):
+            values = getattr(self, name)
+            if len(set(values)) < len(values):
+                raise ValueError(f"{name} is {values}: it must not repeat a value")
+        if not set(self.p_peers) <= set(self.p_levels):
+            raise ValueError(f"p_peers is {self.p_peers}: all must be among p_levels")
+        if self.slip_steps >= self.n_poses:
+            raise ValueError(f"slip_steps is {self.slip_steps}: there are {self.n_poses - 1} steps")
+        if self.n_poses <= FRAMES[-2]:
+            raise ValueError(f"n_poses is {self.n_poses}: the film has {FRAMES[-2] + 1} and more")
+        return self
+
+    @property
+    def scenario(self) -> Scenario:
+        return self.part(Scenario)
+
+    def seeds(self, n: int) -> list[int]:
+        return list(range(self.first_seed, self.first_seed + n))
+
+
+# --- experiments ----------------------------------------------------------------------------
+
+
+def run(config: Config) -> pd.DataFrame:
+    """Ours, batch EM and the oracle at all levels, all peers at `p_peers`, on the same worlds.
+
+    Returns
+    -------
+    the tables of `estimators.compare` and `online_study.run_variants` with the column ratio
+    """
+    given = config.scenario, graph.PRESETS[READING]
+    seeds = config.seeds(config.n_seeds)
+    others = [p for p in config.p_levels if p not in config.p_peers]
+    tables = [estimators.compare(*given, config.p_peers, seeds, jobs=config.jobs)]
+    if others:
+        few = (online_tables.BATCH, "oracle")
+        tables.append(estimators.compare(*given, others, seeds, few, jobs=config.jobs))
+    ours = {online_study.NAME: online.Settings()}
+    tables.append(online_study.run_variants(*given, ours, config.p_levels, seeds, config.jobs))
+    runs = estimators.relative_to_oracle(pd.concat(tables, ignore_index=True))
+    return runs.sort_values("p", kind="stable", ignore_index=True)
+
+
+def run_ablation(config: Config) -> pd.DataFrame:
+    """Every part switched off by itself, with (column nets) and without the safety nets of EM."""
+    given = config.scenario, graph.PRESETS[READING]
+    levels, seeds = config.p_ablation, config.seeds(config.n_ablation)
+    tables = [
+        online_study.run_variants(
+            *given, online_study.variants(nets), levels, seeds, config.jobs
+        ).assign(nets=nets)
+        for nets in (True, False)
+    ]
+    tables.append(estimators.compare(*given, levels, seeds, ("oracle",), jobs=config.jobs))
+    return estimators.relative_to_oracle(pd.concat(tables, ignore_index=True))
+
+
+def run_slips(config: Config) -> pd.DataFrame:
+    """Worlds where the odometry slips."""
+    runs = online_study.run_slips(
+        config.scenario, graph.PRESETS[READING], config.p_slip, config.slip_steps,
+        config.slip_sigma, config.seeds(config.n_slip), config.jobs,
+    )  # fmt: skip
+    return estimators.relative_to_oracle(runs)
+
+
+def _filmed(config: Config) -> world.World:
+    rng = np.random.default_rng(config.first_seed)
+    return world.simulate(config.scenario, config.p_film, rng=rng)
+
+
+def film(config: Config) -> list[online_study.Frame]:
+    """The run of the first world, stopped at `FRAMES`."""
+    at = [t for t in FRAMES if t < config.n_poses]
+    return online_study.film(_filmed(config), graph.PRESETS[READING], at, config.first_seed)
+
+
+def few_poses(config: Config) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, float]]:
+    """What `FEW` poses know of one landmark of the first world: samples, poses, landmark, mass.
+
+    The labels of this picture are the true ones: it is about geometry. The landmark is the one
+    nearest to where the robot starts, whose mirror image is not far either.
+    """
+    the_world = _filmed(config)
+    blind = world.dead_reckoning(the_world.x0_mean, the_world.odometry)
+    variances = world.dead_reckoning_variances(blind, config.scenario) + config.range_sigma**2
+    k = int(np.argmax(the_world.landmarks[:, 0]))
+    panels = []
+    for n in FEW:
+        mine = np.flatnonzero((the_world.source_of == k) & (the_world.pose_of < n))
+        anchors, ranges = blind[:n, :2], the_world.ranges[mine]
+        evidence = place.Evidence(
+            anchors, ranges, variances[:n], np.full(n, 0.01), ranges.max(), anchors.mean(axis=0),
+            ranges.max(),
+        )  # fmt: skip
+        rng = np.random.default_rng([config.first_seed, n])
+        cloud = place.sample(evidence, rng=rng)
+        drawn = rng.choice(len(cloud.points), 600, p=cloud.weights / cloud.weights.sum())
+        mass = place.modes(cloud, evidence)[0].mass
+        panels.append((cloud.points[drawn], anchors, the_world.landmarks[k], mass))
+    return panels
+
+
+def future_is_unknown(config: Config) -> bool:
+    """Does the past stay as it was, to the last bit, if all later ranges are changed?"""
+    the_world = _filmed(config)
+    middle, pasts = config.n_poses // 2, []
+    later = the_world.pose_of > middle
+    spoilt = np.where(later, the_world.ranges[::-1], the_world.ranges)
+    for ranges in (the_world.ranges, spoilt):
+        changed = replace(the_world, ranges=ranges)
+        rng = np.random.default_rng(config.first_seed)
+        found = online.run(changed, graph.PRESETS[READING], online.Settings(), rng=rng)
+        pasts.append(found.filtered[: middle + 1])
+    return bool(np.array_equal(*pasts))
+
+
+# --- what the paper prints ------------------------------------------------------------------
+
+
+def record(
+    config: Config,
+    runs: pd.DataFrame,
+    ablation: pd.DataFrame,
+    slips: pd.DataFrame,
+    to: report.Report,
+) -> None:
+    """Hand on the numbers that the paper's text quotes."""
+    to.value("online.n_seeds", config.n_seeds, ".0f")
+    to.value("online.n_ablation", config.n_ablation, ".0f")
+    n_windows = windows.n_windows(config.n_poses)
+    ours = runs[runs["method"] == online_study.NAME]
+    for p, rows in ours.groupby("p", sort=False):
+        here = f"online.p{p:g}"
+        for name, fmt in (("pose_rmse", ".3f"), ("ratio", ".3f"), ("nees", ".2f"),
+                          ("filtered_rmse", ".3f"), ("landmark samples", ".1f"),
+                          ("miscredited", ".1f")):  # fmt: skip
+            to.sample(f"{here}.{name.replace(' ', '_')}", rows[name].astype(float), fmt)
+        to.value(f"{here}.worst", rows["ratio"].max(), n=len(rows), within=0.2)
+        shares = 100 * rows["position samples"] / n_windows
+        to.sample(f"{here}.windows", shares.astype(float), ".1f", "%")
+    for (method, p), rows in runs[runs["method"] != online_study.NAME].groupby(["method", "p"]):
+        to.sample(f"online.{method}.p{p:g}.ratio", rows["ratio"])
+        to.sample(f"online.{method}.p{p:g}.nees", rows["nees"])
+    to.value("online.worst", ours["ratio"].max(), n=len(ours), within=0.2)
+    batch = runs[runs["method"] == online_tables.BATCH]
+    to.value("online.batch.largest_mean", batch.groupby("p")["ratio"].mean().max(), ".3f",
+             within=0.05)  # fmt: skip
+    for (name, p, nets), rows in ablation.groupby(["method", "p", "nets"]):
+        key = f"online.{'nets' if nets else 'bare'}.{re.sub('[ ,.]+', '_', name)}.p{p:g}"
+        to.sample(key, rows["ratio"])
+        to.value(f"{key}.worst", rows["ratio"].max(), n=len(rows), within=0.3)
+    for method, rows in slips.groupby("method"):
+        lost = (rows["ratio"] > online_tables.LOST).sum()
+        to.value(f"online.slip.{method}.lost", lost, ".0f", n=len(rows), within=2)
+        to.sample(f"online.slip.{method}.ratio", rows["ratio"])
+        to.sample(f"online.slip.{method}.rmse", rows["pose_rmse"], unit="m")

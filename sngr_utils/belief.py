@@ -1,0 +1,198 @@
+"""What the online estimator holds: the data so far, the graph, and what each range is credited to.
+
+Nothing is decided here. `odometry_doubt`, `landmark_start` and `online` decide.
+"""
+
+from collections import Counter
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import L, X
+
+from sngr_utils import chain, crediting, graph, place, robust
+from sngr_utils.crediting import DROPPED, Credit
+from sngr_utils.smoother import Smoother
+from sngr_utils.world import World, dead_reckoning
+
+P_PRIOR = (2.0, 8.0)  # wrong and right labels that count as seen before the first
+SLIP_SIGMA = 1.0  # m, of a step of the odometry that is no longer trusted
+SURE = ("x0", "odometry", "landmark")  # kinds of factors that are not ranges
+
+
+class Belief:
+    """The state of the online estimator.
+
+    Attributes
+    ----------
+    data : World, all that has been measured so far
+    poses : (T, 3) estimated, [m, m, rad]; the newest may be a prediction, see `predict`
+    landmarks : (K, 2) estimated, [m]; NaN for one that is not in the graph
+    credit : to what each of the M ranges is credited, and the posterior of its source
+    p : share of wrong labels, estimated
+    slipped : steps of the odometry that are not trusted
+    counts : what was done how often, see `online.OnlineEstimate`
+    """
+
+    def __init__(self, data: World, conventions: graph.Conventions) -> None:
+        self.data, self.conventions, self.smoother = data, conventions, Smoother()
+        self.poses = data.x0_mean[None].copy()
+        self.landmarks = np.full((data.n_landmarks, 2), np.nan)
+        self.credit = crediting.nowhere(len(data.ranges), data.n_landmarks)
+        self.p = P_PRIOR[0] / sum(P_PRIOR)
+        self.slipped: set[int] = set()
+        self.counts: Counter = Counter()
+        prior = graph.pose_prior(data.x0_mean, conventions.x0_sigmas)
+        self._update({("x0",): prior}, start=robust.values_of(self.poses, self.landmarks))
+
+    # --- the newest pose --------------------------------------------------------------------
+
+    def predict(self, data: World) -> None:
+        """Take the data of one pose more; the pose is predicted and not yet in the graph."""
+        newest = dead_reckoning(self.poses[-1], data.odometry[-1:])[-1]
+        fresh = crediting.nowhere(len(data.ranges) - len(self.data.ranges), data.n_landmarks)
+        self.credit = Credit(
+            np.append(self.credit.used, fresh.used),
+            np.vstack([self.credit.weights, fresh.weights]),
+        )
+        self.data, self.poses = data, np.vstack([self.poses, newest])
+
+    def confirm(self) -> None:
+        """Put the predicted pose into the graph, with those of its ranges that are credited."""
+        t = self.data.n_poses - 1
+        credited = np.flatnonzero((self.data.pose_of == t) & (self.credit.used != DROPPED))
+        start = gtsam.Values()
+        start.insert(X(t), gtsam.Pose2(*self.poses[-1]))
+        self._update({("odometry", t - 1): self.step(t - 1), **self._ranges(credited)}, start=start)
+
+    def move_newest(self, position: np.ndarray, used: np.ndarray) -> None:
+        """The predicted pose elsewhere, [m], and its ranges credited."""
+        self.poses[-1, :2] = position
+        self.credit = Credit(used, self.credit.weights)
+
+    def step(self, t: int) -> gtsam.BetweenFactorPose2:
+        """The odometry factor from pose t to t + 1, wide if it is not trusted."""
+        scenario = self.data.scenario
+        if t in self.slipped:
+            scenario = scenario.model_copy(update={"odometry_sigma_xy": SLIP_SIGMA})
+        return graph.odometry_factor(t, self.data.odometry[t], scenario)
+
+    def distrust(self, steps: list[int]) -> None:
+        """Widen steps of the odometry that are in the graph."""
+        self.slipped |= set(steps)
+        self._update({("odometry", t): self.step(t) for t in steps})
+
+    # --- ranges and landmarks ---------------------------------------------------------------
+
+    def use(self, used: np.ndarray) -> bool:
+        """Remove and add range factors until ranges are credited so; has anything changed?"""
+        changed = np.flatnonzero(used != self.credit.used)
+        removed = [("range", m) for m in changed if self.credit.used[m] != DROPPED]
+        self.credit = Credit(used, self.credit.weights)
+        if len(changed):
+            self._update(self._ranges(changed[used[changed] != DROPPED]), removed)
+        return len(changed) > 0
+
+    def insert(self, k: int, position: np.ndarray, used: np.ndarray) -> None:
+        """Start landmark k, with the ranges that `used` credits to it."""
+        self.credit = Credit(used, self.credit.weights)
+        sigma, start = self.conventions.landmark_prior_sigma, gtsam.Values()
+        start.insert(L(k), position)
+        prior = graph.landmark_prior(k, position, sigma)
+        ranges = self._ranges(np.flatnonzero(used == k))
+        self._update({("landmark", k): prior, **ranges}, start=start)
+
+    def remove(self, k: int) -> None:
+        """Take out landmark k with its ranges."""
+        mine = np.flatnonzero(self.credit.used == k)
+        self.credit = Credit(
+            np.where(self.credit.used == k, DROPPED, self.credit.used), self.credit.weights
+        )
+        self._update({}, [("landmark", k), *(("range", m) for m in mine)])
+
+    def rebuild(self, poses: np.ndarray, landmarks: np.ndarray, used: np.ndarray) -> None:
+        """The graph of another estimate and other associations, landmark priors centred on it."""
+        kept = {**self.smoother.named("x0"), **self.smoother.named("odometry")}
+        sigma = self.conventions.landmark_prior_sigma
+        for k in np.flatnonzero(np.isfinite(landmarks[:, 0])):
+            kept["landmark", k] = graph.landmark_prior(k, landmarks[k], sigma)
+        self.smoother, self.credit = Smoother(), Credit(used, self.credit.weights)
+        ranges = self._ranges(np.flatnonzero(used != DROPPED))
+        self._update({**kept, **ranges}, start=robust.values_of(poses, landmarks))
+
+    def _ranges(self, which: np.ndarray) -> dict:
+        data, sigma = self.data, self.data.scenario.range_sigma
+        return {
+            ("range", m): graph.range_factor(
+                int(data.pose_of[m]), int(self.credit.used[m]), data.ranges[m], sigma
+            )
+            for m in which
+        }
+
+    def _update(self, added: dict, removed: list | None = None, start=None) -> None:
+        self.smoother.update(added, removed, start)
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Read the estimate from the smoother."""
+        self.poses = graph.poses_of(self.smoother.values, self.data.n_poses)
+        self.landmarks = graph.landmarks_of(self.smoother.values, self.data.n_landmarks)
+
+    def sure_factors(self, landmarks: np.ndarray) -> gtsam.NonlinearFactorGraph:
+        """x0 prior, odometry as far as it is trusted, weak priors on (K, 2) landmarks, [m]."""
+        factors = self.smoother.factors("x0", "odometry")
+        for k in np.flatnonzero(np.isfinite(landmarks[:, 0])):
+            factors.push_back(
+                graph.landmark_prior(k, landmarks[k], self.conventions.landmark_prior_sigma)
+            )
+        return factors
+
+    # --- uncertainty ------------------------------------------------------------------------
+
+    def covariance(self) -> chain.ChainCovariance:
+        """Covariance blocks at the estimate, also of a pose that is only predicted."""
+        data, s, used = self.data, self.data.scenario, self.credit.used
+        sigmas = [s.odometry_sigma_xy, s.odometry_sigma_xy, s.odometry_sigma_theta]
+        sigmas = np.tile(sigmas, (len(data.odometry), 1))
+        sigmas[list(self.slipped), :2] = SLIP_SIGMA
+        kept = used != DROPPED
+        return chain.selected_inverse(
+            self.poses, self.landmarks, data.odometry, data.pose_of[kept], used[kept],
+            x0_mean=data.x0_mean, x0_sigmas=self.conventions.x0_sigmas, odometry_sigmas=sigmas,
+            landmark_prior_sigma=self.conventions.landmark_prior_sigma,
+            range_sigma=s.range_sigma,
+        )  # fmt: skip
+
+    def innovations(self, covariance: chain.ChainCovariance) -> crediting.Innovations:
+        """Innovations of all ranges at the estimate that has `covariance`."""
+        return crediting.innovations(
+            self.data, self.poses, self.landmarks, self.credit.used, covariance
+        )
+
+    def cost(self, poses: np.ndarray, landmarks: np.ndarray) -> float:
+        """Minus the log posterior of an estimate, associations summed out, [nats].
+
+        Without the weak priors on landmarks, which sit where each estimate started.
+        """
+        exact = crediting.exact(self.data, poses, landmarks)
+        fit = np.logaddexp.reduce(crediting.log_weights(self.data, exact, self.p), axis=1)
+        sure = self.smoother.factors("x0", "odometry")
+        return sure.error(robust.values_of(poses, landmarks)) - float(fit.sum())
+
+    def credit_fitting(
+        self, m: np.ndarray, k: np.ndarray, mode: place.Mode, evidence: place.Evidence
+    ) -> np.ndarray:
+        """(M,) credits with those pairs of a range and a landmark that fit a mode.
+
+        Parameters
+        ----------
+        m, k : (N,) int, range and landmark behind each row of `evidence`
+        """
+        units = mode.mean - evidence.anchors
+        units /= np.linalg.norm(units, axis=1)[:, None]
+        spread = np.sum(units @ mode.covariance * units, axis=1)
+        fit = place.fitting(evidence, mode.mean, evidence.variances + spread)
+        pairs = np.column_stack([self.data.pose_of[m], k])
+        _, first = np.unique(pairs[fit], axis=0, return_index=True)  # a landmark once in a scan
+        used = self.credit.used.copy()
+        used[m[fit][first]] = k[fit][first]
+        return used

@@ -1,0 +1,173 @@
+"""To which landmark each range is credited: innovations, gate, posterior, decision.
+
+A range that passes the gate of the landmark it is labelled with keeps its label at no cost. One
+that does not puts its whole scan in question: then all ranges of the scan are weighed against
+all landmarks.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special, stats
+
+from sngr_utils import association, chain
+from sngr_utils.world import World
+
+GATE = stats.chi2.ppf(0.99, 1)  # squared normalised innovation that puts a range in question
+IMPOSSIBLE = stats.chi2.ppf(1 - 1e-6, 1)  # and one that no right range has
+VAGUE = 0.5  # m, sigma of a prediction above which it cannot tell landmarks apart
+RESOLVED = 0.6  # posterior above which a range is credited to a landmark
+DROPPED = -1  # the label of a range that is credited to none
+
+
+@dataclass(frozen=True)
+class Innovations:
+    """How far each of M ranges is from what each of K landmarks predicts; NaN if it is absent.
+
+    Attributes
+    ----------
+    residuals : (M, K) [m]
+    variances : (M, K) of a range that does come from the landmark, [m^2]
+    """
+
+    residuals: np.ndarray
+    variances: np.ndarray
+
+    @property
+    def squared(self) -> np.ndarray:
+        """(M, K) squared normalised innovation, chi-square with one degree if right."""
+        return self.residuals**2 / self.variances
+
+
+@dataclass(frozen=True)
+class Credit:
+    """What was decided about M ranges and K landmarks.
+
+    Attributes
+    ----------
+    used : (M,) int, landmark each range is credited to, or `DROPPED`
+    weights : (M, K+1) posterior of its source, the last column "a landmark not in the map"
+    """
+
+    used: np.ndarray
+    weights: np.ndarray
+
+
+def nowhere(n_ranges: int, n_landmarks: int) -> Credit:
+    """Ranges that are credited to no landmark, all of which are yet to be found."""
+    used = np.full(n_ranges, DROPPED)
+    return Credit(used, np.eye(n_landmarks + 1)[used])  # the last column for -1
+
+
+def exact(data: World, poses: np.ndarray, landmarks: np.ndarray) -> Innovations:
+    """Innovations about an estimate that is taken for certain: range noise is all."""
+    distances = np.linalg.norm(poses[data.pose_of, None, :2] - landmarks, axis=2)
+    residuals = data.ranges[:, None] - distances
+    return Innovations(residuals, residuals * 0 + data.scenario.range_sigma**2)
+
+
+def innovations(
+    data: World, poses: np.ndarray, landmarks: np.ndarray, used: np.ndarray,
+    covariance: chain.ChainCovariance,
+) -> Innovations:  # fmt: skip
+    """Innovations of all ranges, those that are in the graph predicted without themselves.
+
+    Parameters
+    ----------
+    poses, landmarks : the estimate, (T, 3) and (K, 2)
+    used : (M,) int, landmark each range is credited to in the graph that has `covariance`
+
+    Source: prediction without one measurement, from the estimate with it: Cook & Weisberg,
+    Residuals and Influence in Regression, 1982, section 2.2.
+    """
+    offsets = poses[:, None, :2] - landmarks
+    distances = np.linalg.norm(offsets, axis=2)  # (T, K)
+    units = offsets / distances[..., None]
+    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    rotations = np.moveaxis(np.array([[cos, -sin], [sin, cos]]), 2, 0)
+    body = units @ rotations  # (T, K, 2): the direction in the frame of the pose
+    n = len(landmarks)
+    own = np.array([covariance.landmarks[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(n)])
+    cross = covariance.pose_landmark[:, :2].reshape(len(poses), 2, n, 2)
+    spread = (
+        np.einsum("tki,tij,tkj->tk", body, covariance.poses[:, :2, :2], body)
+        - 2 * np.einsum("tki,tikj,tkj->tk", body, cross, units)
+        + np.einsum("tki,kij,tkj->tk", units, own, units)
+    )
+    noise = data.scenario.range_sigma**2
+    residuals = data.ranges[:, None] - distances[data.pose_of]
+    spread = spread[data.pose_of]
+    inside = np.flatnonzero(used != DROPPED), used[used != DROPPED]
+    without = noise / np.maximum(noise - spread[inside], 1e-3 * noise)
+    residuals[inside] *= without
+    spread[inside] *= without
+    return Innovations(residuals, spread + noise)
+
+
+def decide(
+    data: World, found: Innovations, used: np.ndarray, p: float, exclusive: bool, swap: bool
+) -> Credit:
+    """Credit every range anew: label kept, swapped for a likelier one, or dropped.
+
+    Scans without a doubt keep their labels. In the others a range goes to the landmark that has
+    more than `RESOLVED` of its posterior, if it is not impossible there, and to none otherwise.
+
+    Parameters
+    ----------
+    used : (M,) int, landmark each range is credited to so far, or `DROPPED`
+    p : probability of a wrong label
+    exclusive : the ranges of a scan come from different landmarks
+    swap : a range may go to another landmark than that of its label
+    """
+    squared, n_landmarks = found.squared, data.n_landmarks
+    rows = np.arange(len(data.ranges))
+    sharp = found.variances < VAGUE**2
+    with np.errstate(invalid="ignore"):
+        sure = (squared < GATE)[rows, data.label_of] & sharp[rows, data.label_of]
+    doubtful = ~sure | (used != data.label_of)
+    used = np.where(sure, data.label_of, DROPPED)
+    weights = np.zeros((len(rows), n_landmarks + 1))
+    weights[rows, data.label_of] = 1.0
+    logs = log_weights(data, found, p)
+    for scan in np.split(rows, np.flatnonzero(np.diff(data.pose_of)) + 1):
+        if not doubtful[scan].any():
+            continue
+        posterior = association.exclusive_posterior if exclusive else association.posterior
+        weights[scan] = posterior(logs[scan])
+        best = np.argmax(weights[scan], axis=1)
+        known = best < n_landmarks
+        place = np.where(known, best, 0)
+        good = known & (weights[scan, best] > RESOLVED) & sharp[scan, place]
+        good &= squared[scan, place] < IMPOSSIBLE
+        if not swap:
+            good &= best == data.label_of[scan]
+        used[scan] = np.where(good, best, DROPPED)
+    return Credit(used, weights)
+
+
+def log_weights(data: World, found: Innovations, p: float) -> np.ndarray:
+    """(M, K+1) log of prior times likelihood; the last column is for landmarks not in the map.
+
+    Those may be the source of a range too; it is then uniform up to the longest range seen.
+    """
+    prior = association.log_prior(data.label_of, data.n_landmarks, p)
+    gaussian = -0.5 * (found.squared + np.log(2 * np.pi * found.variances))
+    absent = np.isnan(found.variances[0])
+    logs = np.full((len(prior), data.n_landmarks + 1), -np.inf)
+    logs[:, :-1][:, ~absent] = (prior + gaussian)[:, ~absent]
+    if absent.any():
+        elsewhere = special.logsumexp(prior[:, absent], axis=1)
+        logs[:, -1] = elsewhere - np.log(data.ranges.max())
+    return logs
+
+
+def share_wrong(data: World, credit: Credit, landmarks: np.ndarray, prior: tuple) -> float:
+    """Posterior mean of p under a Beta prior, from the ranges whose landmark is in the map.
+
+    Parameters
+    ----------
+    prior : wrong and right labels that count as seen beforehand
+    """
+    judged = np.flatnonzero(np.isfinite(landmarks[data.label_of, 0]))
+    right = credit.weights[judged, data.label_of[judged]].sum()
+    return float((prior[0] + len(judged) - right) / (sum(prior) + len(judged)))

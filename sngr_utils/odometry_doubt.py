@@ -1,0 +1,67 @@
+"""Steps of the odometry that are no longer trusted, and where the robot is then.
+
+The estimator is not told that its wheels may slip. A scan of which most ranges contradict the
+prediction raises the question; nested sampling of the position, among known landmarks and under
+a wide prior, answers it, and its evidence decides.
+"""
+
+import numpy as np
+from scipy import stats
+
+from sngr_utils import association, crediting, place
+from sngr_utils.belief import SLIP_SIGMA, Belief
+
+SLIP_ODDS = np.log(100.0)  # nats that a slip must gain: one step in a hundred slips
+ROUGH = 3.0  # nats that a rough evidence may miss; within them nested sampling is asked
+STEP_LIMIT = stats.chi2.ppf(1 - 1e-4, 3)  # squared normalised error of a step that slipped
+
+
+def find_robot(belief: Belief, by_nested: bool, *, rng: np.random.Generator) -> None:
+    """Ask where the robot is, if that is open or its scan contradicts the predicted pose.
+
+    Parameters
+    ----------
+    by_nested : sample its position by nested sampling, not on a grid
+    """
+    data = belief.data
+    t, known = data.n_poses - 1, np.isfinite(belief.landmarks[:, 0])
+    scan = np.flatnonzero((data.pose_of == t) & known[data.label_of])
+    if len(scan) < 3 or t < 2:
+        return
+    covariance = belief.covariance()
+    found = belief.innovations(covariance)
+    sigma = np.sqrt(np.trace(covariance.poses[-1][:2, :2]) / 2)
+    fit = found.squared[scan, data.label_of[scan]] < crediting.GATE
+    lost = sigma > crediting.VAGUE
+    if not lost and np.mean(fit) >= 0.5:
+        return
+    m, k = (grid.ravel() for grid in np.meshgrid(scan, np.flatnonzero(known), indexing="ij"))
+    prior = np.exp(association.log_prior(data.label_of, data.n_landmarks, belief.p))[m, k]
+    own = np.diag(covariance.landmarks).reshape(-1, 2).mean(axis=1)[k]
+    evidence = place.Evidence(
+        belief.landmarks[k], data.ranges[m], own + data.scenario.range_sigma**2, 1 - prior,
+        data.ranges.max(), belief.poses[-1, :2], sigma if lost else SLIP_SIGMA,
+    )  # fmt: skip
+    here = np.exp(-0.5 * found.squared[m, k]) / np.sqrt(2 * np.pi * found.variances[m, k])
+    trusted = np.log(prior * here + (1 - prior) / data.ranges.max()).sum()
+    if not lost and place.rough_evidence(evidence) - trusted < SLIP_ODDS - ROUGH:
+        return
+    if by_nested:
+        belief.counts["position samples"] += 1
+    cloud = place.sample(evidence, rng=rng) if by_nested else place.grid(evidence)
+    if not lost:
+        if cloud.log_evidence - trusted < SLIP_ODDS:
+            return
+        belief.slipped.add(t - 1)
+    best = place.modes(cloud, evidence)[0]
+    if best.mass > place.ENOUGH_MASS:
+        belief.move_newest(best.mean, belief.credit_fitting(m, k, best, evidence))
+
+
+def doubt_steps(belief: Belief) -> None:
+    """Trust no longer the steps that the whole estimate contradicts."""
+    steps = [t for t in range(belief.data.n_poses - 1) if t not in belief.slipped]
+    values = belief.smoother.values
+    worst = [t for t in steps if 2 * belief.step(t).error(values) > STEP_LIMIT]
+    if worst:
+        belief.distrust(worst)

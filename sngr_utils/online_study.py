@@ -1,0 +1,211 @@
+"""The online estimator over many worlds: its variants, odometry that slips, and one run filmed."""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import joblib
+import numpy as np
+import pandas as pd
+
+from sngr_utils import estimators, graph, landmark_start, metrics, online, place, variations, world
+from sngr_utils.belief import Belief
+from sngr_utils.crediting import DROPPED
+from sngr_utils.online import Settings
+
+NAME = "online"  # of the method itself, among its variants
+STREAM, SLIPS, FILM = 80, 81, 82  # of random numbers, beside the seed of the world
+COUNTS = (
+    "landmark samples", "position samples", "mirror waits", "landmark restarts", "batch restarts",
+    "slips", "swapped", "dropped",
+)  # fmt: skip
+
+PARTS = {  # what a variant changes of the settings
+    NAME: {},
+    "no nested sampling": {"nested": False},
+    "landmarks as in the paper": {"delayed": False},
+    "no exclusion in a scan": {"exclusive": False},
+    "drop, no swap": {"swap": False},
+    "no second look": {"sweep": False},
+    "p held at 0.1": {"p": 0.1},
+}
+NO_NETS = {"restart": False, "soft": False}  # EM in trouble, and in what is read out
+
+
+def variants(nets: bool) -> dict[str, Settings]:
+    """Every part switched off by itself, with the two safety nets of EM or without them."""
+    without = {} if nets else NO_NETS
+    return {name: Settings(**change, **without) for name, change in PARTS.items()}
+
+
+def run_variants(
+    scenario: world.Scenario,
+    conventions: graph.Conventions,
+    settings: Mapping[str, Settings],
+    p_levels: Sequence[float],
+    seeds: Sequence[int],
+    jobs: int | None = None,
+) -> pd.DataFrame:
+    """Variants of the online estimator on the same worlds.
+
+    Returns
+    -------
+    one row per p, seed and variant, with the columns of `estimators.compare` (start "none"),
+    then graph_rmse (of iSAM2's graph) and filtered_rmse (of each pose when it was the newest),
+    [m], p_found, miscredited (ranges
+    credited to another landmark than they came from) and how often what was done, see
+    `online.OnlineEstimate`
+    """
+    one = joblib.delayed(_variants_of_one)
+    tasks = [one(scenario, conventions, settings, p, seed) for p in p_levels for seed in seeds]
+    rows = [row for world_rows in joblib.Parallel(n_jobs=jobs)(tasks) for row in world_rows]
+    return pd.DataFrame(rows)
+
+
+def _variants_of_one(scenario, conventions, settings, p, seed) -> list[dict]:
+    the_world = world.simulate(scenario, p, rng=np.random.default_rng(seed))
+    key = {"start": "none", "p": p, "seed": seed}
+    return [
+        {"method": name, **key, **_judged(the_world, conventions, one, seed)}
+        for name, one in settings.items()
+    ]
+
+
+def _judged(
+    the_world: world.World, conventions: graph.Conventions, settings: Settings, seed: int
+) -> dict[str, float]:
+    """What there is to say about one run."""
+    before = time.thread_time()
+    rng = np.random.default_rng([seed, STREAM])
+    found = online.run(the_world, conventions, settings, rng=rng)
+    seconds = time.thread_time() - before
+    truth = the_world.poses[:, :2]
+    wrong = (found.used != DROPPED) & (found.used != the_world.source_of)
+    return {
+        "pose_rmse": metrics.rmse(found.poses[:, :2], truth),
+        "landmark_rmse": metrics.rmse(found.landmarks, the_world.landmarks),
+        "nees": estimators.expected_nees(
+            the_world, conventions, found.poses, found.position_covariances
+        ),
+        "seconds": seconds,
+        "graph_rmse": metrics.rmse(found.graph_poses[:, :2], truth),
+        "filtered_rmse": metrics.rmse(found.filtered[:, :2], truth),
+        "p_found": found.p,
+        "miscredited": int(wrong.sum()),
+        **{name: found.counts[name] for name in COUNTS},
+    }
+
+
+# --- odometry that slips --------------------------------------------------------------------
+
+
+def run_slips(
+    scenario: world.Scenario,
+    conventions: graph.Conventions,
+    p: float,
+    steps: int,
+    sigma: float,
+    seeds: Sequence[int],
+    jobs: int | None = None,
+) -> pd.DataFrame:
+    """Worlds with `steps` slips of the odometry, which no estimator is told.
+
+    Parameters
+    ----------
+    steps, sigma : of `variations.slip`
+
+    Returns
+    -------
+    one row per seed and method: pose_rmse, [m], and of the two online ones the counts. "trusting"
+    is the online estimator that takes the odometry at its word; the oracle, and EM over the batch,
+    do so too
+    """
+    one = joblib.delayed(_slipped)
+    tasks = [one(scenario, conventions, p, steps, sigma, seed) for seed in seeds]
+    rows = [row for world_rows in joblib.Parallel(n_jobs=jobs)(tasks) for row in world_rows]
+    return pd.DataFrame(rows)
+
+
+def _slipped(scenario, conventions, p, steps, sigma, seed) -> list[dict]:
+    rng = np.random.default_rng([seed, SLIPS])
+    sound = world.simulate(scenario, p, rng=np.random.default_rng(seed))
+    the_world = variations.slip(sound, steps, sigma, rng=rng)
+    key = {"start": "none", "p": p, "seed": seed}
+    rows = [
+        {"method": name, **key, **_judged(the_world, conventions, settings, seed)}
+        for name, settings in ((NAME, Settings()), ("trusting", Settings(doubt_odometry=False)))
+    ]
+    start = estimators.REFERENCE_START
+    for method in ("cauchy", "em_exclusive", "oracle"):
+        found = estimators.estimate(the_world, conventions, method, start, rng=rng)
+        rmse = metrics.rmse(found.poses[:, :2], the_world.poses[:, :2])
+        rows.append({"method": method, **key, "start": start, "pose_rmse": rmse})
+    return rows
+
+
+# --- one run, filmed ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What is believed at one pose.
+
+    Attributes
+    ----------
+    truth, poses, plain : (T, 2) true positions, ours, and plain iSAM2's, so far, [m]
+    landmarks : (K, 2) ours, [m]; NaN for one that waits
+    clouds : landmark that waits -> (P, 2) places from its posterior, [m]
+    label_of, used, source_of : of the ranges of the newest pose: the landmark it is labelled
+        with, the one it is credited to (-1 for none), and the one it came from
+    true_landmarks : (K, 2), [m]
+    """
+
+    truth: np.ndarray
+    poses: np.ndarray
+    plain: np.ndarray
+    landmarks: np.ndarray
+    clouds: dict[int, np.ndarray]
+    label_of: np.ndarray
+    used: np.ndarray
+    source_of: np.ndarray
+    true_landmarks: np.ndarray
+
+
+def film(
+    the_world: world.World, conventions: graph.Conventions, at: Sequence[int], seed: int
+) -> list[Frame]:
+    """One run of the online estimator, stopped at the poses `at`.
+
+    Raises
+    ------
+    ValueError : a pose that is not there, or the very first, before which nothing is known
+    """
+    if not all(0 < t < the_world.n_poses for t in at):
+        raise ValueError(f"at is {list(at)}: poses go from 1 to {the_world.n_poses - 1}")
+    frames = []
+
+    def watch(belief: Belief) -> None:
+        t = belief.data.n_poses - 1
+        if t in at:
+            frames.append(_frame(belief, conventions, rng=np.random.default_rng([seed, FILM, t])))
+
+    rng = np.random.default_rng([seed, STREAM])
+    online.run(the_world, conventions, Settings(), watch, rng=rng)
+    return frames
+
+
+def _frame(belief: Belief, conventions: graph.Conventions, *, rng: np.random.Generator) -> Frame:
+    data = belief.data
+    newest = data.pose_of == data.n_poses - 1
+    clouds = {}
+    for k in np.flatnonzero(np.isnan(belief.landmarks[:, 0])):
+        _, evidence = landmark_start.witnesses(belief, k, least=1)
+        if evidence is not None:
+            cloud = place.sample(evidence, rng=rng)
+            drawn = rng.choice(len(cloud.points), 300, p=cloud.weights / cloud.weights.sum())
+            clouds[int(k)] = cloud.points[drawn]
+    return Frame(
+        data.poses[:, :2], belief.poses[:, :2], graph.run_isam2(data, conventions).poses[:, :2],
+        belief.landmarks, clouds, data.label_of[newest], belief.credit.used[newest],
+        data.source_of[newest], data.landmarks,
+    )  # fmt: skip

@@ -1,0 +1,241 @@
+"""The posterior of one place in the plane, from ranges any of which may be wrong.
+
+A range does not care which of its ends is unknown. So this is the start of a landmark, seen
+from known poses, and it is also the position of a lost robot among known landmarks. After few
+ranges the posterior is a ring or a pair of mirror images: no Gaussian, and no place for an
+optimiser. Nested sampling draws it; a grid is the reference.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from sngr_utils import compiled, compiled_nested, crossings, mirror
+
+N_LIVE, WALKS, DLOGZ = 200, 20, 0.5  # of the nested sampler, in two dimensions
+GRID_CELLS = 200  # per axis
+GRID_REACH = 1.5  # the grid ends at so many sigmas of the prior
+GATE = stats.chi2.ppf(0.99, 1)  # squared normalised error of a range that fits
+MAX_MODES = 4  # what is beyond them is left without a mode
+ENOUGH_MASS = 0.9  # of the first mode: the place is known
+LEAST_GAP = math.log(ENOUGH_MASS / (1 - ENOUGH_MASS))  # nats by which a mirror image is then worse
+CLAIM = stats.chi2.ppf(0.999, 2)  # a mode claims what its Gaussian holds at this level
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What is known of a place: N ranges to known anchors, and a weak Gaussian prior.
+
+    Attributes
+    ----------
+    anchors : (N, 2) the known ends, [m]
+    ranges : (N,) [m]
+    variances : (N,) of a right range about the distance, with that of its anchor, [m^2]
+    wrong : (N,) probability that a range is wrong, and then uniform up to `longest`
+    longest : the longest range there is, [m]
+    centre : (2,) mean of the prior, [m]
+    sigma : of the prior, [m]
+
+    Source: the two-component likelihood of a range finder, Thrun, Burgard, Fox, Probabilistic
+    Robotics, section 6.3.
+    """
+
+    anchors: np.ndarray
+    ranges: np.ndarray
+    variances: np.ndarray
+    wrong: np.ndarray
+    longest: float
+    centre: np.ndarray
+    sigma: float
+
+    def __post_init__(self):
+        n = len(self.ranges)
+        if n == 0:
+            raise ValueError("ranges is empty: a place needs at least one")
+        for name, shape in (("anchors", (n, 2)), ("variances", (n,)), ("wrong", (n,))):
+            if np.shape(getattr(self, name)) != shape:
+                raise ValueError(f"{name} has shape {np.shape(getattr(self, name))}, not {shape}")
+        if not (np.all(self.variances > 0) and self.longest > 0 and self.sigma > 0):
+            raise ValueError("variances, longest and sigma must be positive")
+        if not np.all((self.wrong >= 0) & (self.wrong < 1)):
+            raise ValueError("wrong holds a value outside [0, 1)")
+
+    @property
+    def floors(self) -> np.ndarray:
+        """(N,) density of a wrong range over the highest of a right one."""
+        height = (1 - self.wrong) / np.sqrt(2 * np.pi * self.variances)
+        return self.wrong / self.longest / height
+
+    @property
+    def factors(self) -> compiled.Factors:
+        """The likelihood as the compiled engines read it; xi is the offset from `centre`."""
+        n = len(self.ranges)
+        measured = np.zeros((n, 8))
+        measured[:, 0], measured[:, 1] = self.ranges, self.floors
+        measured[:, 5] = 1 / np.sqrt(self.variances)
+        return compiled.Factors(
+            poses=np.zeros((0, 5)),
+            points=np.vstack([self.centre, self.anchors]),
+            counts=np.array([0, 1, 0, 0, 0, n, 0]),
+            of=np.column_stack([np.arange(1, n + 1), np.zeros(n)]).astype(np.uint64),
+            measured=measured,
+            quadratic=np.zeros((0, 0)),
+            linear=np.zeros(0),
+            factor=1.0,
+        )
+
+    @property
+    def ceiling(self) -> float:
+        """Log-density of all ranges where each fits best, [nats]: what the factors leave out."""
+        height = (1 - self.wrong) / np.sqrt(2 * np.pi * self.variances) + self.wrong / self.longest
+        return float(np.log(height).sum())
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """A weighted cloud of places.
+
+    Attributes
+    ----------
+    points : (P, 2) [m]
+    weights : (P,) summing to 1
+    log_densities : (P,) of the posterior, up to a constant, [nats]
+    log_evidence : log of the density of the ranges, [nats]
+    """
+
+    points: np.ndarray
+    weights: np.ndarray
+    log_densities: np.ndarray
+    log_evidence: float
+
+
+def likeliest(evidence: Evidence) -> np.ndarray:
+    """(2,) the likeliest of many starts, the crossings of every two circles. No sampling."""
+    starts = crossings.crossings(evidence.anchors, evidence.ranges)
+    xi = starts - evidence.centre
+    log_densities = compiled.log_likelihoods(evidence.factors, xi)
+    log_densities -= 0.5 * np.sum(xi**2, axis=1) / evidence.sigma**2
+    return starts[np.argmax(log_densities)]
+
+
+def mirrored(evidence: Evidence) -> bool:
+    """Is there plainly a second place, the mirror image of the likeliest? No sampling.
+
+    The likeliest place says which ranges are right, and the mirror test is made with these.
+    """
+    best = likeliest(evidence)
+    fit = fitting(evidence, best, evidence.variances)
+    if fit.sum() < 3:
+        return True
+    found = mirror.mirror_test(
+        evidence.anchors[fit], evidence.ranges[fit], evidence.variances[fit], best
+    )
+    return found.gap < LEAST_GAP
+
+
+def rough_evidence(evidence: Evidence) -> float:
+    """Log of the density of the ranges, from one Gaussian at the likeliest place, [nats].
+
+    Laplace's approximation: right to a few nats, where nested sampling is right to a tenth.
+    """
+    best = likeliest(evidence)
+    xi = best - evidence.centre
+    log_prior = -0.5 * xi @ xi / evidence.sigma**2 - 2 * math.log(evidence.sigma)
+    _, log_det = np.linalg.slogdet(_information(evidence, best))
+    log_likelihood = compiled.log_likelihood(evidence.factors, xi)
+    return float(log_likelihood + log_prior - 0.5 * log_det + evidence.ceiling)
+
+
+def fitting(evidence: Evidence, place: np.ndarray, variances: np.ndarray) -> np.ndarray:
+    """(N,) bool: the ranges that a (2,) place explains, given their (N,) variances, [m^2]."""
+    distances = np.linalg.norm(place - evidence.anchors, axis=1)
+    return (distances - evidence.ranges) ** 2 < GATE * variances
+
+
+def sample(evidence: Evidence, *, rng: np.random.Generator) -> Posterior:
+    """The posterior by nested sampling (`compiled_nested`), about ten milliseconds."""
+    factors = evidence.factors
+    trace = compiled_nested.sample(
+        factors, evidence.sigma * np.eye(2), N_LIVE, WALKS, DLOGZ, rng=rng
+    )
+    log_prior = -0.5 * np.sum(trace.samples**2, axis=1) / evidence.sigma**2
+    return Posterior(
+        trace.samples + evidence.centre,
+        np.exp(trace.log_weights),
+        trace.log_likelihoods + log_prior,
+        trace.log_evidence + evidence.ceiling,
+    )
+
+
+def grid(evidence: Evidence, cells: int = GRID_CELLS) -> Posterior:
+    """The posterior on a square grid about the centre of the prior, `cells` along each axis.
+
+    A place is uniform within its cell, which widens every range by a twelfth of its square.
+    """
+    axis, step = np.linspace(-1, 1, cells, retstep=True)
+    axis, step = axis * GRID_REACH * evidence.sigma, step * GRID_REACH * evidence.sigma
+    evidence = replace(evidence, variances=evidence.variances + step**2 / 12)
+    xi = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    log_densities = compiled.log_likelihoods(evidence.factors, xi)
+    log_densities -= 0.5 * np.sum(xi**2, axis=1) / evidence.sigma**2
+    total = np.logaddexp.reduce(log_densities)
+    norm = math.log(step**2 / (2 * math.pi * evidence.sigma**2))
+    return Posterior(
+        xi + evidence.centre,
+        np.exp(log_densities - total),
+        log_densities,
+        float(total + norm + evidence.ceiling),
+    )
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One place where the posterior is high.
+
+    Attributes
+    ----------
+    mean : (2,) of what it claims, [m]
+    covariance : (2, 2) of what it claims, [m^2]
+    mass : share of the posterior
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    mass: float
+
+
+def modes(posterior: Posterior, evidence: Evidence) -> list[Mode]:
+    """The modes by falling mass, each of them one Gaussian.
+
+    The most likely place that no mode has claimed yet is the next mode. It claims all places
+    within the 99.9 % ellipse of its Gaussian (Laplace's, of the ranges that are right there). So
+    a ring falls into many modes of little mass, and a mass near one says two things: there is
+    one place, and a Gaussian describes it.
+    """
+    free = posterior.weights > 0
+    found = []
+    while free.any() and len(found) < MAX_MODES:
+        best = posterior.points[np.argmax(np.where(free, posterior.log_densities, -np.inf))]
+        offsets = posterior.points - best
+        information = _information(evidence, best)
+        own = free & (np.sum(offsets @ information * offsets, axis=1) < CLAIM)
+        weights = posterior.weights[own]
+        mean, mass = np.average(posterior.points[own], axis=0, weights=weights), weights.sum()
+        centred = posterior.points[own] - mean
+        covariance = (weights[:, None] * centred).T @ centred / mass
+        found.append(Mode(mean, covariance, float(mass)))
+        free &= ~own
+    return sorted(found, key=lambda mode: -mode.mass)
+
+
+def _information(evidence: Evidence, place: np.ndarray) -> np.ndarray:
+    """(2, 2) information about a place, each range counting as far as it is right there."""
+    offsets = place - evidence.anchors
+    distances = np.linalg.norm(offsets, axis=1)
+    right = np.exp(-0.5 * (distances - evidence.ranges) ** 2 / evidence.variances)
+    share = right / (right + evidence.floors)
+    directions = offsets / np.maximum(distances, 1e-9)[:, None]
+    weighted = directions * (share / evidence.variances)[:, None]
+    return weighted.T @ directions + np.eye(2) / evidence.sigma**2
