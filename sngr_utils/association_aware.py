@@ -184,6 +184,7 @@ def record(
     """Hand on the numbers that the paper's text quotes."""
     to.value("online.n_seeds", config.n_seeds, ".0f")
     to.value("online.n_ablation", config.n_ablation, ".0f")
+    to.value("online.n_slip", config.n_slip, ".0f")
     n_windows = windows.n_windows(config.n_poses)
     ours = runs[runs["method"] == online_study.NAME]
     for p, rows in ours.groupby("p", sort=False):
