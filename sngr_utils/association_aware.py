@@ -43,7 +43,7 @@ class Config(Scenario):
     n_seeds: Annotated[int, Field(ge=2)] = 30
     p_levels: Levels = [0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5]
     p_peers: Levels = [0.2, 0.3, 0.4, 0.5]
-    n_ablation: Annotated[int, Field(ge=2)] = 15
+    n_ablation: Annotated[int, Field(ge=2)] = 10
     p_ablation: Levels = [0.4]
     n_slip: Annotated[int, Field(ge=2)] = 20
     p_slip: Probability = 0.3
@@ -184,6 +184,7 @@ def record(
     """Hand on the numbers that the paper's text quotes."""
     to.value("online.n_seeds", config.n_seeds, ".0f")
     to.value("online.n_ablation", config.n_ablation, ".0f")
+    to.value("online.n_slip", config.n_slip, ".0f")
     n_windows = windows.n_windows(config.n_poses)
     ours = runs[runs["method"] == online_study.NAME]
     for p, rows in ours.groupby("p", sort=False):

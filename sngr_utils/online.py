@@ -217,7 +217,8 @@ class Online:
         data, used = belief.data, belief.credit.used
         start = belief.poses, belief.landmarks
         if self.settings.soft:
-            sure = belief.smoother.factors(*SURE)
+            # weak priors where the landmarks are by now: their first places still pulled a little
+            sure = belief.sure_factors(belief.landmarks)
             found = association.fit(
                 data, belief.conventions, start, self.settings.exclusive, 1.0, sure
             )

@@ -7,11 +7,19 @@ from matplotlib.ticker import NullFormatter
 
 from sngr_utils import style
 
-# name -> colour and dash of what is set in bold; all others are thin and grey
+# name -> colour, dash and width: what a method does with a label, and ours in bold
 OURS = {
-    "association-aware SNGR, online": (style.SAMPLES, "-"),
-    "the same idea over the batch (EM)": (style.ESTIMATE, "--"),
+    "association-aware SNGR, online": (style.SAMPLES, "-", 2.2),
+    "the same idea over the batch": (style.ESTIMATE, "--", 1.6),
 }
+FAMILIES = {
+    "believes every label": (style.TRIGGERED, ("isam2", "least squares")),
+    "asks where a range is from": (
+        style.SAMPLES, ("max mixture all", "fastslam", "em")
+    ),
+    "uses no range": (style.TRUTH, ("dead reckoning",)),
+}  # fmt: skip
+FORGETS = style.PRINTED  # all others: what does not fit counts less, or not at all
 MARKERS = "osD^v<>xP*hd1+"
 
 
@@ -57,37 +65,41 @@ def film_legend() -> list[Line2D]:
     return [Line2D([], [], label=label, **look) for label, look in looks.items()]
 
 
+def look(name: str) -> tuple[str, str, float]:
+    """Colour, dash and width of a method in `draw_summary`."""
+    for colour, members in FAMILIES.values():
+        if name in members:
+            return colour, "-", 0.8
+    return OURS.get(name, (FORGETS, "-", 0.8))
+
+
 def draw_summary(ax: Axes, series: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
     """Ratio of the pose RMSE to the oracle's against p, name -> (P,) p and (P, 3) mean, low, high.
 
-    Both axes' meaning in a word: one is as good as knowing the associations.
+    One is as good as knowing the associations. The legend is in the order of the last points.
     """
-    grey = [name for name in series if name not in OURS]
-    for i, name in enumerate([*grey, *(n for n in OURS if n in series)]):
+    worst_first = sorted(series, key=lambda name: -series[name][1][-1, 0])
+    for i, name in enumerate(worst_first):
         p, values = series[name]
         mean, low, high = values.T
         # an interval that reaches zero has no lower end on a log axis
         bars = np.array([mean - np.maximum(low, 0.6 * mean), high - mean])
-        colour, dash = OURS.get(name, ("0.55", "-"))
-        bold = name in OURS
+        colour, dash, width = look(name)
         ax.errorbar(
-            p, mean, yerr=bars, ls=dash, color=colour, lw=1.8 if bold else 0.6, zorder=2 + bold,
-            marker=None if bold else MARKERS[i % len(MARKERS)], ms=3, mfc="none", elinewidth=0.6,
-            label=name,
+            p, mean, yerr=bars, ls=dash, color=colour, lw=width, zorder=2 + width, elinewidth=0.6,
+            marker=None if name in OURS else MARKERS[i % len(MARKERS)], mfc="none", label=name,
         )  # fmt: skip
     ax.axhline(1, color=style.TRUTH, lw=0.6, zorder=1)
     ax.set(yscale="log", xlabel="share of wrong associations p", yticks=[1, 2, 5, 10, 20, 50])
+    ax.set(ylabel="pose RMSE over the oracle's")
     ax.set_ylim(bottom=0.85)
-    ax.set_ylabel("pose RMSE over the oracle's")
     ax.yaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_minor_formatter(NullFormatter())
-    handles, labels = ax.get_legend_handles_labels()
-    last = {name: values[1][-1, 0] for name, values in series.items()}
-    order = sorted(range(len(labels)), key=lambda i: -last[labels[i]])
-    ax.legend(
-        [handles[i] for i in order], [labels[i] for i in order], loc="center left",
-        bbox_to_anchor=(1, 0.5),
-    )  # fmt: skip
+    methods = ax.legend(loc="upper left", bbox_to_anchor=(1, 1))
+    ax.add_artist(methods)
+    colours = {**{name: colour for name, (colour, _) in FAMILIES.items()}, "forgets": FORGETS}
+    handles = [Line2D([], [], color=c, lw=2, label=name) for name, c in colours.items()]
+    ax.legend(handles=handles, loc="upper left")
 
 
 def draw_posteriors(ax: Axes, panel) -> None:

@@ -14,7 +14,7 @@ from scipy import stats
 
 from sngr_utils import compiled, compiled_nested, crossings, mirror
 
-N_LIVE, WALKS, DLOGZ = 200, 20, 0.5  # of the nested sampler, in two dimensions
+N_LIVE, WALKS, DLOGZ = 100, 25, 0.5  # of the nested sampler, in two dimensions
 GRID_CELLS = 200  # per axis
 GRID_REACH = 1.5  # the grid ends at so many sigmas of the prior
 GATE = stats.chi2.ppf(0.99, 1)  # squared normalised error of a range that fits

@@ -118,8 +118,7 @@ def test_wrong_labels_are_found_out(seed):
     assert estimators.expected_nees(drawn, C, found.poses, covariances) < 6
 
 
-def test_second_looks_matter_where_no_net_is_below():
-    """Fifteen fixed worlds in a table elsewhere; here one in which a first look is not enough."""
+def test_variants_change_what_their_name_says():
     settings = online_study.variants(nets=False)
     assert settings["no second look"] == online.Settings(sweep=False, restart=False, soft=False)
     assert online_study.variants(nets=True)[online_study.NAME] == WHOLE

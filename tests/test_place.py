@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sngr_utils import compiled, place, world
+from sngr_utils import compiled, mirror, place, world
 
 
 def evidence_of(seed, n_poses, wrong=0.2):
@@ -43,15 +43,31 @@ def test_a_range_without_a_floor_is_an_ordinary_one():
 
 
 @pytest.mark.parametrize("n_poses", [3, 4, 5])
-def test_mode_masses_are_those_of_a_fine_grid(n_poses):
-    """Mean of four runs within 0.05 for every landmark: standard error about 0.02 at worst."""
+def test_masses_are_those_of_a_fine_grid(n_poses):
+    """Either side of the track, and of the first mode where there is one to speak of.
+
+    Mean of 40 runs within 0.05. One run has a standard error of 0.11 at worst, so 0.05 is 2.9 of
+    the mean's: it fails by chance in one case of 250. Where one mode holds nearly all, and a
+    landmark starts, the error of one run is below 0.03.
+    """
     for i, evidence in enumerate(evidence_of(100, n_poses)):
-        expected = place.modes(place.grid(evidence, 600), evidence)[0].mass
-        masses = [
-            place.modes(place.sample(evidence, rng=np.random.default_rng([i, r])), evidence)[0].mass
-            for r in range(4)
+        reference = place.grid(evidence, 400)
+        expected = masses_of(reference, evidence)
+        runs = [
+            masses_of(place.sample(evidence, rng=np.random.default_rng([i, r])), evidence)
+            for r in range(40)
         ]
-        assert np.mean(masses) == pytest.approx(expected, abs=0.08 if expected < 0.5 else 0.05)
+        side, first = np.mean(runs, axis=0)
+        assert side == pytest.approx(expected[0], abs=0.05)
+        if expected[1] > 0.6:
+            assert first == pytest.approx(expected[1], abs=0.05)
+
+
+def masses_of(cloud, evidence):
+    """Share of a cloud on one side of the track, and of its first mode."""
+    centre, normal = mirror.trajectory_line(evidence.anchors)
+    side = cloud.weights[(cloud.points - centre) @ normal > 0].sum()
+    return side / cloud.weights.sum(), place.modes(cloud, evidence)[0].mass
 
 
 def test_a_straight_line_leaves_two_modes_of_one_half_each():

@@ -1,0 +1,76 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from sngr_utils import association_aware, online_plots, online_study, report, style
+from sngr_utils import online_tables as tables
+
+CONFIG = association_aware.Config(
+    n_seeds=2, p_levels=[0.0, 0.4], p_peers=[0.4], n_ablation=2, n_slip=2, jobs=1
+)
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return association_aware.run(CONFIG)
+
+
+def test_all_meet_the_same_worlds(runs):
+    """Peers at their levels only, ours, EM and the oracle at all."""
+    counts = runs.groupby(["method", "p"]).size().unstack()
+    assert (counts[0.4] == 2).all()
+    kept = set(counts.index[counts[0.0].notna()])
+    assert kept == {online_study.NAME, tables.BATCH, "oracle"}
+    assert (runs.loc[runs["method"] == "oracle", "ratio"] == 1).all()
+
+
+def test_tables_hold_what_the_frame_holds(runs):
+    goal = tables.goal_table(runs)
+    ours = runs[(runs["method"] == online_study.NAME) & (runs["p"] == 0.4)]
+    assert goal.iloc[1]["online: ratio"] == f"{ours['ratio'].mean():.3f}"
+    assert len(tables.test_table(runs)) == runs["method"].nunique() - 3
+    counts = tables.counts_table(runs, 28)
+    share = 100 * ours["position samples"].mean() / 28
+    assert counts.iloc[1]["windows sampled [%]"] == f"{share:.1f}"
+
+
+def test_summary_draws_every_method(runs):
+    names = dict(zip([online_study.NAME, tables.BATCH], online_plots.OURS, strict=True))
+    series = tables.summary_series(runs, names)
+    assert set(online_plots.OURS) <= set(series)
+    _, ax = style.figure()
+    online_plots.draw_summary(ax, series)
+    assert len(ax.containers) == len(series) == runs["method"].nunique() - 1
+    for _, members in online_plots.FAMILIES.values():
+        assert set(members) <= set(series)
+
+
+def test_few_poses_are_many_places_and_more_are_one():
+    masses = [panel[-1] for panel in association_aware.few_poses(CONFIG)]
+    assert masses[0] < 0.7
+    assert masses[-1] > 0.9
+
+
+def test_what_is_recorded_is_what_was_run(runs, tmp_path):
+    slips = association_aware.run_slips(CONFIG)
+    ablation = pd.concat([
+        runs[runs["method"] == online_study.NAME].assign(nets=nets) for nets in (True, False)
+    ])
+    paper = report.Report("08_association_aware", tmp_path)
+    association_aware.record(CONFIG, runs, ablation, slips, paper)
+    paper.save()
+    handed = report.entries(report.read_json(tmp_path / "08_association_aware.json"))
+    ours = runs[(runs["method"] == online_study.NAME) & (runs["p"] == 0.4)]
+    assert handed["online.p0.4.ratio"]["value"] == pytest.approx(ours["ratio"].mean())
+    lost = (slips.loc[slips["method"] == online_study.NAME, "ratio"] > 1.5).sum()
+    assert handed["online.slip.online.lost"]["value"] == lost
+    assert all(np.isfinite(entry["value"]) for entry in handed.values())
+
+
+def test_bad_parameters_are_named():
+    for change, name in (
+        ({"p_peers": [0.3]}, "p_peers"), ({"p_levels": [0.1, 0.1]}, "p_levels"),
+        ({"slip_steps": 30}, "slip_steps"), ({"n_poses": 10}, "n_poses"), ({"n_slip": 1}, "n_slip"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=name):
+            association_aware.Config(**{**CONFIG.model_dump(), **change})
