@@ -39,7 +39,7 @@ class Config(Scenario):
     jobs : processes; results do not depend on it
     """
 
-    first_seed: Seed = 100
+    first_seed: Seed = 5000
     n_seeds: Annotated[int, Field(ge=2)] = 30
     p_levels: Levels = [0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5]
     p_peers: Levels = [0.2, 0.3, 0.4, 0.5]

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from sngr_utils import report, sweeps
+from sngr_utils import report, style, sweeps
 
 t = report.text
 
@@ -241,7 +241,7 @@ def robust_table(runs: pd.DataFrame) -> pd.DataFrame:
     for (start, method), group in poses.groupby(["start", "method"], sort=False):
         cells = [interval(row) for _, row in group.iterrows()]
         rows.append([
-            method.replace("_", " "),
+            style.method_name(method),
             start.replace("_", " "),
             *cells,
             t(last[start, method]),
@@ -280,6 +280,6 @@ def robust_series(runs: pd.DataFrame, start: str) -> dict[str, tuple[np.ndarray,
     chosen = runs[runs["start"].isin([start, "none"])]
     means = chosen.groupby(["method", "p"], sort=False)["pose_rmse"].mean()
     return {
-        method.replace("_", " "): (group.index.get_level_values("p").to_numpy(), group.to_numpy())
+        style.method_name(method): (group.index.get_level_values("p").to_numpy(), group.to_numpy())
         for method, group in means.groupby(level="method", sort=False)
     }

@@ -52,7 +52,7 @@ class Config(Scenario):
     jobs : processes; results do not depend on it
     """
 
-    first_seed: Seed = 100
+    first_seed: Seed = 5000
     n_seeds: Annotated[int, Field(ge=2)] = 10
     poses_seen: Counts = [2, 3, 4, 5, 6, 8]
     poses_sampled: Counts = [2, 3, 8]

@@ -13,9 +13,9 @@ OURS = {
     "the same idea over the batch": (style.ESTIMATE, "--", 1.6),
 }
 FAMILIES = {
-    "believes every label": (style.TRIGGERED, ("isam2", "least squares")),
+    "believes every label": (style.TRIGGERED, ("iSAM2", "SNGR", "least squares")),
     "asks where a range is from": (
-        style.SAMPLES, ("max mixture all", "fastslam", "em")
+        style.SAMPLES, ("max-mixture, all", "FastSLAM", "EM")
     ),
     "uses no range": (style.TRUTH, ("dead reckoning",)),
 }  # fmt: skip

@@ -3,16 +3,11 @@
 import numpy as np
 import pandas as pd
 
-from sngr_utils import estimators, online_study, report, sweeps
+from sngr_utils import estimators, online_study, report, style, sweeps
 
 BATCH = "em_exclusive"  # the same posterior over associations, not online
 LOST = 1.5  # times the oracle's RMSE, above which a run counts as lost
 t = report.text
-
-
-def shown(method: str) -> str:
-    """A method's name in words."""
-    return method.replace("_", " ")
 
 
 def summary_series(
@@ -26,7 +21,7 @@ def summary_series(
     """
     table = sweeps.summary(runs[runs["method"] != "oracle"], "ratio", by=["method", "p"])
     return {
-        names.get(method, shown(method)): (
+        names.get(method, style.method_name(method)): (
             group["p"].to_numpy(), group[["mean", "low", "high"]].to_numpy()
         )
         for method, group in table.groupby("method", sort=False)
@@ -68,7 +63,7 @@ def test_table(runs: pd.DataFrame) -> pd.DataFrame:
             for p in levels
             for cell in (t(means[method, p]), t(tests.loc[p, "p_value"], ".1g"))
         ]
-        rows.append([shown(method), *cells])
+        rows.append([style.method_name(method), *cells])
     heads = [(f"p = {p:g}", name) for p in levels for name in ("ratio", "p-value")]
     return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples([("", "method"), *heads]))
 
@@ -114,7 +109,7 @@ def slip_table(runs: pd.DataFrame) -> pd.DataFrame:
     for method, group in runs.groupby("method", sort=False):
         lost = int((group["ratio"] > LOST).sum())
         rows.append([
-            shown(method), t(group["pose_rmse"].mean()), t(group["pose_rmse"].max()),
+            style.method_name(method), t(group["pose_rmse"].mean()), t(group["pose_rmse"].max()),
             t(group["ratio"].median()), t(group["ratio"].max()), f"{lost} of {len(group)}",
         ])  # fmt: skip
     heads = ["method", "RMSE [m]", "worst [m]", "median ratio", "worst ratio", "lost"]

@@ -24,7 +24,7 @@ def draw_curves(ax: Axes, x: np.ndarray, curves: dict[str, np.ndarray], **labels
     for (name, values), (colour, dash) in zip(
         curves.items(), looks(list(curves)).values(), strict=True
     ):
-        ax.plot(x, values, dash, color=colour, label=name.replace("_", " "))
+        ax.plot(x, values, dash, color=colour, label=style.method_name(name))
     ax.set(**labels)
 
 
@@ -68,7 +68,7 @@ def draw_beliefs(ax: Axes, beliefs: dict[str, np.ndarray]) -> None:
     width = 0.8 / len(beliefs)
     for i, (name, shares) in enumerate(beliefs.items()):
         place = np.arange(len(shares)) + (i - (len(beliefs) - 1) / 2) * width
-        ax.bar(place, shares, width, color=style.SEQUENCE[i], label=name.replace("_", " "))
+        ax.bar(place, shares, width, color=style.SEQUENCE[i], label=style.method_name(name))
     ax.set(xlabel="landmark", ylabel="share of the range", xticks=range(len(shares)))
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=2)
 

@@ -3,16 +3,11 @@
 import numpy as np
 import pandas as pd
 
-from sngr_utils import estimators, report, sweeps
+from sngr_utils import estimators, report, style, sweeps
 from sngr_utils.audit_tables import interval
 
 LOST = 1.5  # times the oracle's RMSE, above which a run counts as lost
 t = report.text
-
-
-def shown(method: str) -> str:
-    """A method's name in words."""
-    return method.replace("_", " ")
 
 
 def from_grid(runs: pd.DataFrame) -> pd.DataFrame:
@@ -24,7 +19,7 @@ def by_method(runs: pd.DataFrame, value: str, fmt: str = ".2f") -> pd.DataFrame:
     """Mean and 95 % interval of a column from the grid, methods down and p across."""
     table = sweeps.summary(from_grid(runs), value, by=["method", "p"])
     rows = [
-        [shown(method), *(interval(row, fmt) for _, row in group.iterrows())]
+        [style.method_name(method), *(interval(row, fmt) for _, row in group.iterrows())]
         for method, group in table.groupby("method", sort=False)
     ]
     return pd.DataFrame(rows, columns=["method", *(f"p = {p:g}" for p in table["p"].unique())])
@@ -38,12 +33,12 @@ def start_table(runs: pd.DataFrame) -> pd.DataFrame:
     lost, n = by.sum(), by.size()
     rows = [
         [
-            shown(method),
+            style.method_name(method),
             *(f"{lost[method, p, s]} of {n[method, p, s]}" for p in levels for s in starts),
         ]
         for method in dict.fromkeys(other["method"])
     ]
-    heads = [(f"p = {p:g}", shown(start)) for p in levels for start in starts]
+    heads = [(f"p = {p:g}", style.method_name(start)) for p in levels for start in starts]
     return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples([("", "method"), *heads]))
 
 
@@ -58,7 +53,7 @@ def test_table(runs: pd.DataFrame, best: str) -> pd.DataFrame:
     levels = list(dict.fromkeys(chosen["p"]))
     rows = []
     for method in dict.fromkeys(chosen["method"]):
-        cells = [shown(method)]
+        cells = [style.method_name(method)]
         mine = chosen[chosen["method"] == method]
         worst = mine.groupby("p", sort=False)["ratio"].max()
         if method == best:
@@ -77,7 +72,7 @@ def test_table(runs: pd.DataFrame, best: str) -> pd.DataFrame:
 def time_table(runs: pd.DataFrame) -> pd.DataFrame:
     """Median CPU time per world, from the grid, without the grid itself, [ms]."""
     times = 1e3 * from_grid(runs).groupby("method", sort=False)["seconds"].median()
-    rows = [[shown(method), t(value, ".0f")] for method, value in times.items()]
+    rows = [[style.method_name(method), t(value, ".0f")] for method, value in times.items()]
     return pd.DataFrame(rows, columns=["method", "CPU time [ms]"])
 
 
@@ -85,6 +80,9 @@ def ratio_series(runs: pd.DataFrame) -> dict[float, tuple[list[str], np.ndarray]
     """p -> names and (M, 3) mean, low, high of the ratio to the oracle, from the grid."""
     table = sweeps.summary(from_grid(runs), "ratio", by=["p", "method"])
     return {
-        p: ([shown(m) for m in group["method"]], group[["mean", "low", "high"]].to_numpy())
+        p: (
+            [style.method_name(m) for m in group["method"]],
+            group[["mean", "low", "high"]].to_numpy(),
+        )
         for p, group in table.groupby("p", sort=False)
     }

@@ -42,7 +42,7 @@ class Config(Scenario):
     jobs : processes; results do not depend on it
     """
 
-    first_seed: Seed = 100
+    first_seed: Seed = 5000
     n_seeds: Annotated[int, Field(ge=2)] = 30
     n_calibration: Annotated[int, Field(ge=1)] = 30
     n_shifted: Annotated[int, Field(ge=2)] = 12
