@@ -41,7 +41,7 @@ class Config(Scenario):
 
     first_seed: Seed = 5000
     n_seeds: Annotated[int, Field(ge=2)] = 20
-    p_levels: Levels = [0.0, 0.1, 0.2, 0.4]
+    p_levels: Levels = [0.0, 0.2, 0.4]
     p_starts: Levels = [0.2, 0.4]
     n_particles: Annotated[int, Field(ge=2)] = 300
     jobs: Annotated[int, Field(ge=1)] = 2
