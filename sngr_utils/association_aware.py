@@ -42,7 +42,7 @@ class Config(Scenario):
     first_seed: Seed = 5000
     n_seeds: Annotated[int, Field(ge=2)] = 30
     p_levels: Levels = [0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5]
-    p_peers: Levels = [0.2, 0.3, 0.4, 0.5]
+    p_peers: Levels = [0.1, 0.2, 0.3, 0.4, 0.5]
     n_ablation: Annotated[int, Field(ge=2)] = 10
     p_ablation: Levels = [0.4]
     n_slip: Annotated[int, Field(ge=2)] = 20
@@ -193,6 +193,7 @@ def record(
                           ("filtered_rmse", ".3f"), ("landmark samples", ".1f"),
                           ("miscredited", ".1f")):  # fmt: skip
             to.sample(f"{here}.{name.replace(' ', '_')}", rows[name].astype(float), fmt)
+        to.sample(f"{here}.graph", rows["graph_rmse"] / rows["oracle_rmse"], ".3f")
         to.value(f"{here}.worst", rows["ratio"].max(), n=len(rows), within=0.2)
         shares = 100 * rows["position samples"] / n_windows
         to.sample(f"{here}.windows", shares.astype(float), ".1f", "%")

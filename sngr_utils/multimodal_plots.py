@@ -34,7 +34,10 @@ def draw_posterior(ax: Axes, view) -> None:
                              color=style.ESTIMATE))  # fmt: skip
     ax.plot(*view.positions.T, ".", color=style.PRINTED)
     ax.plot(*view.truth, "+", color=style.TRUTH, ms=6)
-    ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", xlim=(0, 10), ylim=(-4, 6))
+    # the ring of the first range, which holds both places
+    reach = 1.2 * np.linalg.norm(view.truth - view.positions[0]) + 1
+    x, y = np.array([-reach, reach]) + view.positions[0][:, None]
+    ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", xlim=x, ylim=y)
 
 
 def draw_divergences(ax: Axes, found: pd.DataFrame, kl_limit: float, fires: np.ndarray) -> None:

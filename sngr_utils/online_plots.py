@@ -7,20 +7,20 @@ from matplotlib.ticker import NullFormatter
 
 from sngr_utils import style
 
-# name -> colour, dash and width: what a method does with a label, and ours in bold
-OURS = {
-    "association-aware SNGR, online": (style.SAMPLES, "-", 2.2),
-    "the same idea over the batch": (style.ESTIMATE, "--", 1.6),
+# what `draw_summary` shows by name -> colour, dash, width, marker; all others are one grey band
+NAMED = {
+    "SNGR": (style.TRIGGERED, "-", 0.9, "x"),
+    "iSAM2": (style.ESTIMATE, "--", 0.9, "o"),
+    "least squares": (style.LANDMARK, "-", 0.9, "s"),
+    "dead reckoning": (style.TRUTH, ":", 0.9, None),
+    "Huber": (style.PRIOR, "-", 0.9, "D"),
+    "FastSLAM": (style.SEQUENCE[0], "-", 0.9, "^"),
+    "max-mixture, all": (style.PRIOR, "--", 0.9, "v"),
+    "EM": (style.SEQUENCE[0], "--", 0.9, "+"),
+    "EM, exclusive": (style.TRUTH, "--", 1.4, None),
+    "association-aware SNGR": (style.SAMPLES, "-", 2.4, None),
 }
-FAMILIES = {
-    "believes every label": (style.TRIGGERED, ("iSAM2", "SNGR", "least squares")),
-    "asks where a range is from": (
-        style.SAMPLES, ("max-mixture, all", "FastSLAM", "EM")
-    ),
-    "uses no range": (style.TRUTH, ("dead reckoning",)),
-}  # fmt: skip
-FORGETS = style.PRINTED  # all others: what does not fit counts less, or not at all
-MARKERS = "osD^v<>xP*hd1+"
+FORGETTING = "seven that forget"  # redescending losses, switches, max-mixture with a null
 
 
 def draw_frame(ax: Axes, frame) -> None:
@@ -65,41 +65,34 @@ def film_legend() -> list[Line2D]:
     return [Line2D([], [], label=label, **look) for label, look in looks.items()]
 
 
-def look(name: str) -> tuple[str, str, float]:
-    """Colour, dash and width of a method in `draw_summary`."""
-    for colour, members in FAMILIES.values():
-        if name in members:
-            return colour, "-", 0.8
-    return OURS.get(name, (FORGETS, "-", 0.8))
-
-
 def draw_summary(ax: Axes, series: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
     """Ratio of the pose RMSE to the oracle's against p, name -> (P,) p and (P, 3) mean, low, high.
 
     One is as good as knowing the associations. The legend is in the order of the last points.
     """
-    worst_first = sorted(series, key=lambda name: -series[name][1][-1, 0])
-    for i, name in enumerate(worst_first):
-        p, values = series[name]
-        mean, low, high = values.T
-        # an interval that reaches zero has no lower end on a log axis
-        bars = np.array([mean - np.maximum(low, 0.6 * mean), high - mean])
-        colour, dash, width = look(name)
-        ax.errorbar(
-            p, mean, yerr=bars, ls=dash, color=colour, lw=width, zorder=2 + width, elinewidth=0.6,
-            marker=None if name in OURS else MARKERS[i % len(MARKERS)], mfc="none", label=name,
-        )  # fmt: skip
+    grey = [series[name] for name in series if name not in NAMED]
+    handles = {}
+    for p, values in grey:
+        ax.plot(p, values[:, 0], color=style.PRINTED, lw=0.7)
+        handles[FORGETTING] = Line2D([], [], color=style.PRINTED, lw=0.7), values[-1, 0]
+    for name, (p, values) in series.items():
+        if name in NAMED:
+            colour, dash, width, marker = NAMED[name]
+            mean, low, high = values.T
+            # an interval that reaches zero has no lower end on a log axis
+            bars = np.array([mean - np.maximum(low, 0.6 * mean), high - mean])
+            bar = ax.errorbar(p, mean, bars, ls=dash, color=colour, lw=width, zorder=2 + width,
+                              elinewidth=0.6, marker=marker, ms=3.5, mfc="none")  # fmt: skip
+            handles[name] = bar, mean[-1]
     ax.axhline(1, color=style.TRUTH, lw=0.6, zorder=1)
     ax.set(yscale="log", xlabel="share of wrong associations p", yticks=[1, 2, 5, 10, 20, 50])
     ax.set(ylabel="pose RMSE over the oracle's")
-    ax.set_ylim(bottom=0.85)
+    ax.set_ylim(bottom=0.9)
     ax.yaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_minor_formatter(NullFormatter())
-    methods = ax.legend(loc="upper left", bbox_to_anchor=(1, 1))
-    ax.add_artist(methods)
-    colours = {**{name: colour for name, (colour, _) in FAMILIES.items()}, "forgets": FORGETS}
-    handles = [Line2D([], [], color=c, lw=2, label=name) for name, c in colours.items()]
-    ax.legend(handles=handles, loc="upper left")
+    order = sorted(handles, key=lambda name: -handles[name][1])
+    ax.legend([handles[name][0] for name in order], order, loc="lower center", ncols=3,
+              bbox_to_anchor=(0.45, 1), fontsize=6.5, columnspacing=1)  # fmt: skip
 
 
 def draw_posteriors(ax: Axes, panel) -> None:

@@ -57,7 +57,10 @@ def test_the_ambiguous_range_is_shared_by_probabilities(quick):
 def test_peer_tables_figures_and_values(quick, runs, tmp_path):
     n_methods, n_levels = len(estimators.METHODS), len(quick.p_levels)
     assert peer_tables.by_method(runs, "ratio").shape == (n_methods, 1 + n_levels)
-    assert peer_tables.start_table(runs).shape == (n_methods - len(estimators.WITHOUT_START), 1 + 2 * len(quick.p_starts))
+    assert peer_tables.start_table(runs).shape == (
+        n_methods - len(estimators.WITHOUT_START),
+        1 + 2 * len(quick.p_starts),
+    )
     table = peer_tables.test_table(runs, peers.BEST)
     assert table.shape == (n_methods, 1 + 3)  # one level above zero
     assert (table.iloc[:, 2] == report.NONE).sum() == 1
