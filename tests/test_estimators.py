@@ -95,7 +95,7 @@ def test_sngr_is_that_of_the_other_notebooks():
 
 @pytest.mark.parametrize("method", ["least_squares", "cauchy", "em"])
 def test_the_nees_expected_over_the_prior_is_that_of_drawn_priors(method):
-    """Repeated runs with 40 drawn means: same average within 5 standard errors and 2 %.
+    """Repeated runs with 24 drawn means: same average within 5 standard errors and 2 %.
 
     Started from the first poses, which move with the prior; cells of a grid would not. The
     second order in the heading, of sigma 0.05 rad, is the 2 %. False alarms: below 1e-4 by
@@ -105,7 +105,7 @@ def test_the_nees_expected_over_the_prior_is_that_of_drawn_priors(method):
     base = estimate(drawn, method, "first_poses")
     expected = estimators.expected_nees(drawn, C, base.poses, base.position_covariances)
     values, rng = [], np.random.default_rng(3)
-    for _ in range(40):
+    for _ in range(24):
         moved = estimate(variations.draw_x0(drawn, C.x0_sigmas, rng=rng), method, "first_poses")
         errors = moved.poses[:, :2] - drawn.poses[:, :2]
         values.append(metrics.nees(errors, moved.position_covariances))
