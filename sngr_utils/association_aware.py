@@ -19,7 +19,7 @@ from sngr_utils import (
     windows,
     world,
 )
-from sngr_utils.world import Positive, Probability, Scenario, Seed
+from sngr_utils.world import ManyWorlds, Positive, Probability, Seed
 
 Levels = Annotated[list[Probability], Field(min_length=1)]
 READING = "C"  # preset: GTSAM's own iSAM2 settings
@@ -27,7 +27,7 @@ FRAMES = [3, 5, 8, 15, 29]  # poses at which the film is stopped
 FEW = (2, 3, 4, 6)  # poses of the first picture
 
 
-class Config(Scenario):
+class Config(ManyWorlds):
     """Parameters of the study. Worlds are those of seeds first_seed, first_seed + 1, ...
 
     n_seeds : worlds
@@ -36,7 +36,6 @@ class Config(Scenario):
     n_ablation, p_ablation : worlds and levels of the variants
     n_slip, p_slip, slip_steps, slip_sigma : worlds with slips of the odometry
     p_film : share of wrong associations of the run that is drawn
-    jobs : processes; results do not depend on it
     """
 
     first_seed: Seed = 5000
@@ -50,7 +49,6 @@ class Config(Scenario):
     slip_steps: Annotated[int, Field(ge=1)] = 4
     slip_sigma: Positive = 0.7
     p_film: Probability = 0.4
-    jobs: Annotated[int, Field(ge=1)] = 2
 
     @model_validator(mode="after")
     def _consistent(self):
@@ -65,13 +63,6 @@ class Config(Scenario):
         if self.n_poses <= FRAMES[-2]:
             raise ValueError(f"n_poses is {self.n_poses}: the film has {FRAMES[-2] + 1} and more")
         return self
-
-    @property
-    def scenario(self) -> Scenario:
-        return self.part(Scenario)
-
-    def seeds(self, n: int) -> list[int]:
-        return list(range(self.first_seed, self.first_seed + n))
 
 
 # --- experiments ----------------------------------------------------------------------------

@@ -24,7 +24,7 @@ from sngr_utils import (
     windows,
 )
 from sngr_utils.baseline import run_baseline
-from sngr_utils.world import Positive, Probability, Scenario, Seed
+from sngr_utils.world import ManyWorlds, Positive, Probability
 
 Levels = Annotated[list[Probability], Field(min_length=1)]
 NOOP_P = 0.3  # where the paper prints the mean log weight of its no-op sampler
@@ -35,7 +35,7 @@ ROBUST = (
 )  # fmt: skip
 
 
-class Config(Scenario):
+class Config(ManyWorlds):
     """Parameters of the audit. Worlds are those of seeds first_seed, first_seed + 1, ...
 
     n_seeds : worlds of the sweeps
@@ -45,10 +45,8 @@ class Config(Scenario):
     n_corrected, p_corrected : worlds and levels of corrected SNGR
     n_robust, p_robust : worlds and levels of the robust losses
     n_windows, p_windows : worlds and level of the experiments window by window
-    jobs : processes; results do not depend on it
     """
 
-    first_seed: Seed = 0
     n_seeds: Annotated[int, Field(ge=2)] = 30
     p_levels: Levels = [0.0, 0.1, 0.2, 0.3, 0.4]
     taus: Annotated[list[Positive], Field(min_length=1)] = [3.9, 3.92, 3.96, 4.0]
@@ -61,7 +59,6 @@ class Config(Scenario):
     p_robust: Levels = [0.0, 0.2, 0.4]
     n_windows: Annotated[int, Field(ge=2)] = 8
     p_windows: Probability = 0.2
-    jobs: Annotated[int, Field(ge=1)] = 2
 
     @model_validator(mode="after")
     def _consistent(self):
@@ -79,13 +76,6 @@ class Config(Scenario):
             if len(set(values)) < len(values):
                 raise ValueError(f"{name} is {values}: it must not repeat a value")
         return self
-
-    @property
-    def scenario(self) -> Scenario:
-        return self.part(Scenario)
-
-    def seeds(self, n: int) -> list[int]:
-        return list(range(self.first_seed, self.first_seed + n))
 
 
 # --- experiments ----------------------------------------------------------------------------

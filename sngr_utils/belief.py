@@ -151,8 +151,7 @@ class Belief:
     def covariance(self) -> chain.ChainCovariance:
         """Covariance blocks at the estimate, also of a pose that is only predicted."""
         data, s, used = self.data, self.data.scenario, self.credit.used
-        sigmas = [s.odometry_sigma_xy, s.odometry_sigma_xy, s.odometry_sigma_theta]
-        sigmas = np.tile(sigmas, (len(data.odometry), 1))
+        sigmas = np.tile(s.odometry_sigmas, (len(data.odometry), 1))
         sigmas[list(self.slipped), :2] = SLIP_SIGMA
         kept = used != DROPPED
         return chain.selected_inverse(

@@ -438,7 +438,7 @@ def selected_inverse_at_truth(the_world: World, conventions: graph.Conventions) 
     return chain.selected_inverse(
         the_world.poses, the_world.landmarks, the_world.odometry, the_world.pose_of,
         the_world.label_of, x0_mean=the_world.x0_mean, x0_sigmas=conventions.x0_sigmas,
-        odometry_sigmas=[s.odometry_sigma_xy, s.odometry_sigma_xy, s.odometry_sigma_theta],
+        odometry_sigmas=s.odometry_sigmas,
         landmark_prior_sigma=conventions.landmark_prior_sigma, range_sigma=s.range_sigma,
     ).windows  # fmt: skip
 

@@ -186,7 +186,7 @@ def covariance_at(
         world.label_of,
         x0_mean=world.x0_mean,
         x0_sigmas=conventions.x0_sigmas,
-        odometry_sigmas=[s.odometry_sigma_xy, s.odometry_sigma_xy, s.odometry_sigma_theta],
+        odometry_sigmas=s.odometry_sigmas,
         landmark_prior_sigma=conventions.landmark_prior_sigma,
         range_sigma=s.range_sigma,
     )

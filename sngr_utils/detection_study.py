@@ -5,7 +5,7 @@ wrong label. All scores are computed from data.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import joblib
 import numpy as np
@@ -83,7 +83,7 @@ def scores(
     robust_estimate = association.estimate(the_world, conventions, "grid", exclusive=True)
     reference = robust_estimate.poses, robust_estimate.landmarks
     own = robust_estimate.responsibilities[np.arange(len(the_world.ranges)), the_world.label_of]
-    trusted = chain.covariance_at(*reference, keep(the_world, own > TRUSTED), conventions)
+    trusted = chain.covariance_at(*reference, the_world.keep(own > TRUSTED), conventions)
     null = chain.covariance_at(*reference, the_world, conventions)  # all labels right
     robust_test = leverage.chi_square(the_world, *reference, null)
     return pd.DataFrame({
@@ -96,12 +96,6 @@ def scores(
         "disagreement": detectors.disagreement(poses, reference[0]),
         "disagreement_sigmas": detectors.disagreement_sigmas(poses, reference[0], trusted),
     })
-
-
-def keep(the_world: world.World, ranges: np.ndarray) -> world.World:
-    """The world with the (M,) marked ranges only."""
-    names = ("pose_of", "label_of", "source_of", "ranges")
-    return replace(the_world, **{name: getattr(the_world, name)[ranges] for name in names})
 
 
 def wrong_labels(the_world: world.World) -> np.ndarray:

@@ -95,7 +95,7 @@ def run(
     """
     s = the_world.scenario
     setup = particles.Setup(
-        np.array([s.odometry_sigma_xy, s.odometry_sigma_xy, s.odometry_sigma_theta]),
+        s.odometry_sigmas,
         s.range_sigma,
         conventions.landmark_prior_sigma,
         float(the_world.ranges.max()),

@@ -116,7 +116,7 @@ def pose_prior(pose: np.ndarray, sigmas: list[float]) -> gtsam.PriorFactorPose2:
 def odometry_factor(t: int, motion: np.ndarray, scenario: Scenario) -> gtsam.BetweenFactorPose2:
     """N(x_{t+1}; x_t (+) u_t, Sigma_u), the motion in the body frame of x_t."""
     s = scenario
-    sigmas = np.array([s.odometry_sigma_xy, s.odometry_sigma_xy, s.odometry_sigma_theta])
+    sigmas = s.odometry_sigmas
     noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
     return gtsam.BetweenFactorPose2(X(t), X(t + 1), gtsam.Pose2(*motion), noise)
 

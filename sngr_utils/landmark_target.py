@@ -153,7 +153,7 @@ def predicted_positions(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(n, 2) dead-reckoned positions and their (2n, 2n) covariance to first order, [m], [m^2]"""
     s = world.scenario
-    sigmas = np.array([s.odometry_sigma_xy, s.odometry_sigma_xy, s.odometry_sigma_theta])
+    sigmas = s.odometry_sigmas
     steps = STEP * np.vstack([np.zeros(3 * n), np.eye(3 * n)])
     reached = chain_positions(
         steps, world.x0_mean, np.array(x0_sigmas), world.odometry[: n - 1], sigmas

@@ -1,6 +1,6 @@
 """Driver of notebook 09: where a posterior has several places, who notices, who samples them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated
 
 import joblib
@@ -23,7 +23,7 @@ from sngr_utils import (
 from sngr_utils.landmark_target import Landmark, landmark_of
 from sngr_utils.mirror import mirror_test
 from sngr_utils.window_target import Window, window_of
-from sngr_utils.world import Positive, Probability, Scenario, Seed
+from sngr_utils.world import ManyWorlds, Positive, Probability, Scenario, Seed
 
 PRESET = graph.PRESETS["C"]
 SECOND_MASS = 0.05  # of the second mode, from which there are two
@@ -34,7 +34,7 @@ ANCHOR_DISTANCE, ANCHOR_RANGE, ANCHOR_SIGMA, ANCHOR_PRIOR = 4.0, 3.0, 0.2, 10.0 
 Counts = Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1)]
 
 
-class Config(Scenario):
+class Config(ManyWorlds):
     """Parameters of the study. Worlds are those of seeds first_seed, first_seed + 1, ...
 
     n_seeds : worlds
@@ -49,7 +49,6 @@ class Config(Scenario):
     tau : threshold of the paper's score
     n_live_landmark, n_live_window : live points
     n_particles : of each of ten filters, more where their evidences do not agree
-    jobs : processes; results do not depend on it
     """
 
     first_seed: Seed = 5000
@@ -66,7 +65,6 @@ class Config(Scenario):
     n_live_landmark: Annotated[int, Field(ge=20)] = 600
     n_live_window: Annotated[int, Field(ge=20)] = 500
     n_particles: Annotated[int, Field(ge=100)] = 6_000
-    jobs: Annotated[int, Field(ge=1)] = 2
 
     @model_validator(mode="after")
     def _consistent(self):
@@ -79,9 +77,6 @@ class Config(Scenario):
         if self.n_sampled > self.n_seeds:
             raise ValueError(f"n_sampled is {self.n_sampled}: it must not exceed n_seeds")
         return self
-
-    def seeds(self, n: int) -> list[int]:
-        return list(range(self.first_seed, self.first_seed + n))
 
     def world(self, seed: int) -> world.World:
         """The clean world of a seed."""
@@ -103,17 +98,7 @@ class Config(Scenario):
         scenario = self.part(Scenario).model_copy(update=weak)
         whole = world.simulate(scenario, self.p, rng=rng)
         drawn = variations.draw_x0(whole, [xy, xy, theta], rng=rng)
-        return window_of(first_poses(drawn, WINDOW_POSES), [xy, xy, theta], self.p, n_ranges)
-
-
-def first_poses(the_world: world.World, n: int) -> world.World:
-    """The first n poses of a world, and their ranges."""
-    kept = the_world.pose_of < n
-    parts = {name: getattr(the_world, name)[kept]
-             for name in ("pose_of", "label_of", "source_of", "ranges")}  # fmt: skip
-    return replace(
-        the_world, poses=the_world.poses[:n], odometry=the_world.odometry[: n - 1], **parts
-    )
+        return window_of(drawn.first(WINDOW_POSES), [xy, xy, theta], self.p, n_ranges)
 
 
 def two_anchors() -> Landmark:
@@ -203,13 +188,13 @@ def _window_score(config: Config, seed: int, n: int, landmarks: np.ndarray) -> f
     """The paper's score of the last three of n poses; NaN if there are fewer."""
     if n < windows.WIDTH:
         return float("nan")
-    part = first_poses(config.world(seed), n)
+    part = config.world(seed).first(n)
     s = part.scenario
     return windows.score(
         chain.selected_inverse(
             world.dead_reckoning(part.x0_mean, part.odometry), landmarks, part.odometry,
             part.pose_of, part.label_of, x0_mean=part.x0_mean, x0_sigmas=PRESET.x0_sigmas,
-            odometry_sigmas=[s.odometry_sigma_xy, s.odometry_sigma_xy, s.odometry_sigma_theta],
+            odometry_sigmas=s.odometry_sigmas,
             landmark_prior_sigma=PRESET.landmark_prior_sigma, range_sigma=s.range_sigma,
         ).windows[-1]
     )  # fmt: skip

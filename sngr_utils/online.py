@@ -8,7 +8,7 @@ the robot is when its scan contradicts the odometry.
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -80,16 +80,6 @@ class OnlineEstimate:
     counts: Counter
 
 
-def until(world: World, t: int) -> World:
-    """What is known at pose t: the world without what comes later."""
-    seen = world.pose_of <= t
-    return replace(
-        world, poses=world.poses[: t + 1], odometry=world.odometry[:t],
-        pose_of=world.pose_of[seen], label_of=world.label_of[seen],
-        source_of=world.source_of[seen], ranges=world.ranges[seen],
-    )  # fmt: skip
-
-
 def run(
     world: World,
     conventions: graph.Conventions,
@@ -108,10 +98,10 @@ def run(
     ------
     ValueError : more landmarks than mutual exclusion takes, if it is asked for
     """
-    online = Online(until(world, 0), conventions, settings, rng=rng)
+    online = Online(world.first(1), conventions, settings, rng=rng)
     filtered = [online.belief.poses[-1]]
     for t in range(1, world.n_poses):
-        online.step(until(world, t))
+        online.step(world.first(t + 1))
         filtered.append(online.belief.poses[-1])
         if watch:
             watch(online.belief)

@@ -21,7 +21,7 @@ from sngr_utils import (
     switchable,
     world,
 )
-from sngr_utils.world import Probability, Scenario, Seed
+from sngr_utils.world import ManyWorlds, Probability, Scenario, Seed
 
 Levels = Annotated[list[Probability], Field(min_length=1)]
 READING = "C"  # preset: GTSAM's own iSAM2 settings
@@ -29,14 +29,13 @@ BEST = "em_exclusive"  # what the others are tested against
 N_RIGHT, N_WRONG, WRONG_BY = 7, 3, 1.0  # ranges of the first example, and an error of [m]
 
 
-class Config(Scenario):
+class Config(ManyWorlds):
     """Parameters of the comparison. Worlds are those of seeds first_seed, first_seed + 1, ...
 
     n_seeds : worlds
     p_levels : shares of wrong associations
     p_starts : levels, among p_levels, at which the starts are compared
     n_particles : of FastSLAM
-    jobs : processes; results do not depend on it
     """
 
     first_seed: Seed = 5000
@@ -44,7 +43,6 @@ class Config(Scenario):
     p_levels: Levels = [0.0, 0.2, 0.4]
     p_starts: Levels = [0.2, 0.4]
     n_particles: Annotated[int, Field(ge=2)] = 300
-    jobs: Annotated[int, Field(ge=1)] = 2
 
     @model_validator(mode="after")
     def _consistent(self):
@@ -55,14 +53,6 @@ class Config(Scenario):
         if not set(self.p_starts) <= set(self.p_levels):
             raise ValueError(f"p_starts is {self.p_starts}: all must be among p_levels")
         return self
-
-    @property
-    def scenario(self) -> Scenario:
-        return self.part(Scenario)
-
-    @property
-    def seeds(self) -> list[int]:
-        return list(range(self.first_seed, self.first_seed + self.n_seeds))
 
 
 # --- experiments ----------------------------------------------------------------------------
@@ -79,9 +69,10 @@ def run(config: Config) -> pd.DataFrame:
     by_start = {"grid": config.p_levels, "first_poses": config.p_starts}
     started = [name for name in estimators.METHODS if name not in estimators.WITHOUT_START]
     methods = {"grid": list(estimators.METHODS), "first_poses": started}
+    seeds = config.seeds(config.n_seeds)
     tables = [
         estimators.compare(
-            config.scenario, graph.PRESETS[READING], levels, config.seeds, methods[start],
+            config.scenario, graph.PRESETS[READING], levels, seeds, methods[start],
             [start], particles, config.jobs,
         )
         for start, levels in by_start.items()

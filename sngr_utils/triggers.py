@@ -1,5 +1,6 @@
 """Driver of notebook 06: which trigger sees what, and at which rate of false alarms."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -18,7 +19,7 @@ from sngr_utils import (
     windows,
 )
 from sngr_utils.detection_study import Case
-from sngr_utils.world import Positive, Probability, Scenario, Seed
+from sngr_utils.world import ManyWorlds, Positive, Probability, Seed
 
 READING = "C"  # preset: GTSAM's own iSAM2 settings
 NULL_SCENARIOS = ("radius 3 m", "100 poses")  # where the estimate that is tested matters
@@ -28,7 +29,7 @@ AT_LIMIT = {"disagreement": windows.FAILURE_ERROR}  # its threshold is what fail
 Share = Annotated[float, Field(gt=0, lt=1)]
 
 
-class Config(Scenario):
+class Config(ManyWorlds):
     """Parameters of the study of triggers. Worlds are those of seeds first_seed and following.
 
     n_seeds : worlds of every case on the paper's scenario, and clean ones of every other
@@ -39,7 +40,6 @@ class Config(Scenario):
     nominal : rate of false alarms that thresholds are set for
     tau : the paper's threshold on the condition number
     seed_shown, p_shown : the world with a burst of the figure along a trajectory
-    jobs : processes; results do not depend on it
     """
 
     first_seed: Seed = 5000
@@ -54,7 +54,6 @@ class Config(Scenario):
     tau: Positive = 3.96
     seed_shown: Seed = 102
     p_shown: Probability = 0.6
-    jobs: Annotated[int, Field(ge=1)] = 2
 
     @model_validator(mode="after")
     def _consistent(self):
@@ -66,19 +65,7 @@ class Config(Scenario):
             raise ValueError(f"burst_poses is {self.burst_poses}: there are {self.n_poses} poses")
         return self
 
-    @property
-    def scenario(self) -> Scenario:
-        return self.part(Scenario)
-
-    @property
-    def seeds(self) -> range:
-        return range(self.first_seed, self.first_seed + self.n_seeds)
-
-    @property
-    def few(self) -> range:
-        return range(self.first_seed, self.first_seed + self.n_shifted)
-
-    def worlds(self, cases: list[Case], seeds: range) -> pd.DataFrame:
+    def worlds(self, cases: list[Case], seeds: Sequence[int]) -> pd.DataFrame:
         """All windows of these cases, see `detection_study.window_rows`."""
         conventions = graph.PRESETS[READING]
         return detection_study.run(cases, self.scenario, conventions, seeds, self.jobs)
@@ -122,10 +109,11 @@ def run(config: Config) -> Study:
     cases += [Case("paper", p, config.burst_poses) for p in config.burst_levels]
     others = [name for name in detection_study.SCENARIOS if name != "paper"]
     shifted = [
-        config.worlds([Case(name, p) for name in others], seeds)
-        for p, seeds in ((0.0, config.seeds), (config.p_shifted, config.few))
+        config.worlds([Case(name, p) for name in others], config.seeds(n))
+        for p, n in ((0.0, config.n_seeds), (config.p_shifted, config.n_shifted))
     ]
-    tables = [clean, config.worlds(cases, config.seeds), pd.concat(shifted, ignore_index=True)]
+    rows = config.worlds(cases, config.seeds(config.n_seeds))
+    tables = [clean, rows, pd.concat(shifted, ignore_index=True)]
     tables = [detection_study.with_either(table, clean) for table in tables]
     return Study(*tables, detection_study.thresholds(tables[0], config.nominal))
 
@@ -133,7 +121,7 @@ def run(config: Config) -> Study:
 def run_null(config: Config) -> pd.DataFrame:
     """The level of the chi-square by preset, and by where the residuals are taken."""
     return detection_study.null_rates(
-        NULL_SCENARIOS, config.scenario, config.seeds, config.nominal, config.jobs
+        NULL_SCENARIOS, config.scenario, config.seeds(config.n_seeds), config.nominal, config.jobs
     )
 
 

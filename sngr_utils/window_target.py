@@ -155,7 +155,7 @@ def window_of(world: World, x0_sigmas: list[float], p: float, n_ranges: int) -> 
     shares[np.arange(len(kept)), world.label_of[kept]] = 1 - p
     with np.errstate(divide="ignore"):
         log_shares = np.log(shares)
-    sigmas = np.array([s.odometry_sigma_xy, s.odometry_sigma_xy, s.odometry_sigma_theta])
+    sigmas = s.odometry_sigmas
     return Window(
         np.array(world.x0_mean), np.array(x0_sigmas), world.odometry, sigmas, world.pose_of[kept],
         world.ranges[kept], log_shares, world.landmarks, s.range_sigma,

@@ -3,7 +3,7 @@
 NumPy only. Nothing here knows about estimation.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Self
 
 import numpy as np
@@ -46,6 +46,29 @@ class Scenario(Checked):
     odometry_sigma_theta: Positive = 0.01  # rad per step
     range_sigma: Positive = 0.1  # m
 
+    @property
+    def odometry_sigmas(self) -> np.ndarray:
+        """(3,) per step, [m, m, rad]"""
+        return np.array([self.odometry_sigma_xy, self.odometry_sigma_xy, self.odometry_sigma_theta])
+
+
+class ManyWorlds(Scenario):
+    """The scenario of a study over the worlds of seeds first_seed, first_seed + 1, ...
+
+    jobs : processes; results do not depend on it
+    """
+
+    first_seed: Seed = 0
+    jobs: Annotated[int, Field(ge=1)] = 2
+
+    @property
+    def scenario(self) -> Scenario:
+        return self.part(Scenario)
+
+    def seeds(self, n: int) -> list[int]:
+        """Seeds of the first n worlds."""
+        return list(range(self.first_seed, self.first_seed + n))
+
 
 @dataclass(frozen=True)
 class World:
@@ -84,6 +107,16 @@ class World:
     @property
     def n_landmarks(self) -> int:
         return len(self.landmarks)
+
+    def keep(self, marked: np.ndarray) -> "World":
+        """The same world with the (M,) marked ranges only."""
+        names = ("pose_of", "label_of", "source_of", "ranges")
+        return replace(self, **{name: getattr(self, name)[marked] for name in names})
+
+    def first(self, n: int) -> "World":
+        """The first n poses, with their odometry and ranges."""
+        part = self.keep(self.pose_of < n)
+        return replace(part, poses=self.poses[:n], odometry=self.odometry[: n - 1])
 
 
 def circle_poses(n_poses: int, radius: float) -> np.ndarray:
@@ -198,8 +231,8 @@ def simulate(scenario: Scenario, p: float, *, rng: np.random.Generator) -> World
     s = scenario
     poses = circle_poses(s.n_poses, s.radius)
     landmarks = rng.uniform(-s.landmark_half_width, s.landmark_half_width, (s.n_landmarks, 2))
-    sigmas = np.array([s.odometry_sigma_xy, s.odometry_sigma_xy, s.odometry_sigma_theta])
-    odometry = relative_motion(poses) + rng.normal(size=(s.n_poses - 1, 3)) * sigmas
+    noise = rng.normal(size=(s.n_poses - 1, 3)) * s.odometry_sigmas
+    odometry = relative_motion(poses) + noise
     distance = np.linalg.norm(poses[:, None, :2] - landmarks[None], axis=2)
     ranges = distance + rng.normal(size=distance.shape) * s.range_sigma
     pose_of, source_of = (index.ravel() for index in np.indices(distance.shape))

@@ -8,7 +8,7 @@ import pytest
 from gtsam.symbol_shorthand import L, X
 from scipy import special, stats
 
-from sngr_utils import chain, detection_study, graph, leverage, windows, world
+from sngr_utils import chain, graph, leverage, windows, world
 
 C = graph.PRESETS["C"]
 
@@ -18,7 +18,7 @@ def solved():
     """A world with an uneven number of ranges per pose, and its iSAM2 run."""
     drawn = world.simulate(world.Scenario(n_poses=12), 0.0, rng=np.random.default_rng(100))
     kept = np.random.default_rng(0).random(len(drawn.ranges)) < 0.7
-    drawn = detection_study.keep(drawn, kept)
+    drawn = drawn.keep(kept)
     return drawn, graph.run_isam2(drawn, C)
 
 
@@ -112,7 +112,7 @@ def test_an_absent_landmark_takes_its_ranges_along(solved):
         the_world, solution.poses, landmarks,
         chain.covariance_at(solution.poses, landmarks, the_world, C),
     )  # fmt: skip
-    others = detection_study.keep(the_world, the_world.label_of != 2)
+    others = the_world.keep(the_world.label_of != 2)
     without = leverage.chi_square(
         others, solution.poses, landmarks,
         chain.covariance_at(solution.poses, landmarks, others, C),

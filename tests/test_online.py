@@ -179,7 +179,7 @@ def test_smoother_without_a_factor_is_one_that_never_had_it():
 def believed(p=0.0, upto=12):
     """A belief after some poses."""
     kept = []
-    run(online.until(make(p), upto), watch=kept.append)
+    run(make(p).first(upto + 1), watch=kept.append)
     return kept[-1]
 
 
@@ -226,7 +226,7 @@ def test_a_vague_prediction_credits_nothing():
 
 
 def test_share_wrong_is_the_mean_of_a_beta_posterior():
-    data = online.until(make(0.0), 0)
+    data = make(0.0).first(1)
     weights = np.zeros((6, 7))
     weights[np.arange(6), data.label_of] = [1, 1, 1, 0.5, 0, 0]
     landmarks = np.zeros((6, 2))
@@ -319,4 +319,4 @@ def test_bad_settings_are_refused():
     many = world.simulate(world.Scenario(n_landmarks=15), 0.2, rng=np.random.default_rng(0))
     with pytest.raises(ValueError, match="n_landmarks is 15"):
         run(many)
-    assert isinstance(run(online.until(make(0.0), 2)).counts, Counter)
+    assert isinstance(run(make(0.0).first(3)).counts, Counter)
