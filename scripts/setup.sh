@@ -51,6 +51,8 @@ else
   }
   install=(.venv/bin/python -m pip install $quiet --disable-pip-version-check)
 fi
-"${install[@]}" --require-hashes -r environment.lock
+# The lock is complete. With its resolver on, pip fails as soon as a package that another asks for
+# with an extra (coverage[toml]) has a newer release than the locked one.
+"${install[@]}" --no-deps --require-hashes -r environment.lock
 "${install[@]}" --no-deps --no-build-isolation --editable .
 echo "$current" > .venv/complete
