@@ -329,7 +329,12 @@ def _weigh(factors, cholesky, modes, lowers, spreads, component, noise):
 
 
 def sample(
-    factors: Factors, cholesky: np.ndarray, settings: FastSettings, *, rng: np.random.Generator
+    factors: Factors,
+    cholesky: np.ndarray,
+    settings: FastSettings,
+    starts: np.ndarray | None = None,
+    *,
+    rng: np.random.Generator,
 ) -> Weighted:
     """Importance sampling of the likelihood in `factors` under the prior N(0, L L^T) on xi.
 
@@ -339,6 +344,7 @@ def sample(
     Parameters
     ----------
     cholesky : (d, d) lower-triangular L
+    starts : (n, d) xi to optimise from; None for zero, and draws from the prior
 
     Raises
     ------
@@ -347,18 +353,21 @@ def sample(
     Source: Owen & Zhou, JASA 95 (2000) 135 (deterministic mixtures).
     """
     d = len(cholesky)
-    starts = rng.standard_normal((settings.n_starts, d))
-    starts[0] = 0
+    if starts is None:
+        begin = rng.standard_normal((settings.n_starts, d))
+        begin[0] = 0
+    else:
+        begin = np.linalg.solve(cholesky, starts.T).T.copy()
     has_more = len(factors.quadratic) > 0
     rotated = cholesky.T @ factors.quadratic @ cholesky if has_more else np.zeros((0, d))
     modes, lowers, masses, converged, evaluations = find_modes(
-        factors, cholesky, rotated, starts, factors.n_residuals
+        factors, cholesky, rotated, begin, factors.n_residuals
     )
     if len(modes) == 0:
-        raise NoModeError(f"none of {settings.n_starts} starts converged to a mode")
+        raise NoModeError(f"none of {len(begin)} starts converged to a mode")
     mixture = (modes, lowers, np.linalg.inv(lowers).transpose(0, 2, 1).copy())
     shares = np.maximum(np.exp(masses - masses.max()), 0.02)
-    share = converged / settings.n_starts
+    share = converged / len(begin)
     for n_draws in (settings.n_draws, MORE * settings.n_draws):
         draw = _draw(factors, cholesky, mixture, shares / shares.sum(), n_draws, share, rng)
         evaluations += len(draw.samples)

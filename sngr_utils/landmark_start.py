@@ -1,7 +1,8 @@
 """Landmarks that wait: started where their posterior has one mode, and taken out if it was wrong.
 
-A landmark seen from a short arc has a mirror image. The mirror test says so without sampling;
-only where it sees one place, nested sampling is asked whether that is all.
+A landmark seen from a short arc has a mirror image. The mirror test says so without sampling.
+Where it sees one place, many starts say whether that is all, and where they would start a
+landmark on weights that are not sound, nested sampling is the referee.
 """
 
 import numpy as np
@@ -23,7 +24,7 @@ def start_landmarks(
 
     Parameters
     ----------
-    by_nested : sample its posterior by nested sampling, not on a grid
+    by_nested : have the referee; else what many starts say stands
     delayed : wait until one mode holds the posterior; else start as the paper does
     """
     for k in np.flatnonzero(np.isnan(belief.landmarks[:, 0])):
@@ -44,10 +45,11 @@ def _locate(
     if place.mirrored(evidence):
         belief.counts["mirror waits"] += 1
         return None
-    if by_nested:
-        belief.counts["landmark samples"] += 1
-    cloud = place.sample(evidence, rng=rng) if by_nested else place.grid(evidence)
+    cloud, sound = place.many_starts(evidence, rng=rng)
     best = place.modes(cloud, evidence)[0]
+    if by_nested and not sound and best.mass > place.ENOUGH_MASS:
+        belief.counts["landmark samples"] += 1
+        best = place.modes(place.sample(evidence, rng=rng), evidence)[0]
     return best if best.mass > place.ENOUGH_MASS else None
 
 

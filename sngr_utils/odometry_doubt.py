@@ -1,8 +1,9 @@
 """Steps of the odometry that are no longer trusted, and where the robot is then.
 
 The estimator is not told that its wheels may slip. A scan of which most ranges contradict the
-prediction raises the question; nested sampling of the position, among known landmarks and under
-a wide prior, answers it, and its evidence decides.
+prediction raises the question; the posterior of its position, among known landmarks and under a
+wide prior, answers it, and its evidence decides. Many starts come first, and nested sampling is
+the referee where their weights are not sound.
 """
 
 import numpy as np
@@ -12,7 +13,7 @@ from sngr_utils import association, crediting, place
 from sngr_utils.belief import SLIP_SIGMA, Belief
 
 SLIP_ODDS = np.log(100.0)  # nats that a slip must gain: one step in a hundred slips
-ROUGH = 3.0  # nats that a rough evidence may miss; within them nested sampling is asked
+ROUGH = 3.0  # nats that a rough evidence may miss; within them it is computed well
 STEP_LIMIT = stats.chi2.ppf(1 - 1e-4, 3)  # squared normalised error of a step that slipped
 
 
@@ -21,7 +22,7 @@ def find_robot(belief: Belief, by_nested: bool, *, rng: np.random.Generator) -> 
 
     Parameters
     ----------
-    by_nested : sample its position by nested sampling, not on a grid
+    by_nested : have the referee; else what many starts say stands
     """
     data = belief.data
     t, known = data.n_poses - 1, np.isfinite(belief.landmarks[:, 0])
@@ -46,9 +47,10 @@ def find_robot(belief: Belief, by_nested: bool, *, rng: np.random.Generator) -> 
     trusted = np.log(prior * here + (1 - prior) / data.ranges.max()).sum()
     if not lost and place.rough_evidence(evidence) - trusted < SLIP_ODDS - ROUGH:
         return
-    if by_nested:
+    cloud, sound = place.many_starts(evidence, rng=rng)
+    if by_nested and not sound:
         belief.counts["position samples"] += 1
-    cloud = place.sample(evidence, rng=rng) if by_nested else place.grid(evidence)
+        cloud = place.sample(evidence, rng=rng)
     if not lost:
         if cloud.log_evidence - trusted < SLIP_ODDS:
             return

@@ -2,8 +2,9 @@
 
 A range does not care which of its ends is unknown. So this is the start of a landmark, seen
 from known poses, and it is also the position of a lost robot among known landmarks. After few
-ranges the posterior is a ring or a pair of mirror images: no Gaussian, and no place for an
-optimiser. Nested sampling draws it; a grid is the reference.
+ranges the posterior is a ring or a pair of mirror images: no Gaussian, and no place for one
+optimiser. Many starts come first, with importance sampling about the modes they end in; where
+its weights say that they missed something, nested sampling draws it. A grid is the reference.
 """
 
 import math
@@ -12,9 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from sngr_utils import compiled, compiled_nested, crossings, mirror
+from sngr_utils import compiled, compiled_nested, crossings, importance, mirror
 
 N_LIVE, WALKS, DLOGZ = 100, 25, 0.5  # of the nested sampler, in two dimensions
+START_APART = 3.0  # sigmas of a range, nearer than which two crossings are one start
 GRID_CELLS = 200  # per axis
 GRID_REACH = 1.5  # the grid ends at so many sigmas of the prior
 GATE = stats.chi2.ppf(0.99, 1)  # squared normalised error of a range that fits
@@ -111,13 +113,27 @@ class Posterior:
     log_evidence: float
 
 
-def likeliest(evidence: Evidence) -> np.ndarray:
-    """(2,) the likeliest of many starts, the crossings of every two circles. No sampling."""
-    starts = crossings.crossings(evidence.anchors, evidence.ranges)
-    xi = starts - evidence.centre
-    log_densities = compiled.log_likelihoods(evidence.factors, xi)
-    log_densities -= 0.5 * np.sum(xi**2, axis=1) / evidence.sigma**2
-    return starts[np.argmax(log_densities)]
+def starts(evidence: Evidence, most: int) -> np.ndarray:
+    """(S, 2) crossings of every two circles, the likeliest first, no two of them near. [m]
+
+    Parameters
+    ----------
+    most : S at most
+    """
+    places = crossings.crossings(evidence.anchors, evidence.ranges)
+    log_densities = _log_densities(evidence, places - evidence.centre)
+    apart, chosen = START_APART * math.sqrt(evidence.variances.min()), []
+    while len(chosen) < most and np.isfinite(log_densities).any():
+        chosen.append(places[np.argmax(log_densities)])
+        near = np.sum((places - chosen[-1]) ** 2, axis=1) <= apart**2
+        log_densities[near] = -np.inf
+    return np.array(chosen)
+
+
+def _log_densities(evidence: Evidence, xi: np.ndarray) -> np.ndarray:
+    """(P,) of the posterior at (P, 2) offsets from the centre, up to a constant, [nats]."""
+    log_likelihoods = compiled.log_likelihoods(evidence.factors, xi)
+    return log_likelihoods - 0.5 * np.sum(xi**2, axis=1) / evidence.sigma**2
 
 
 def mirrored(evidence: Evidence) -> bool:
@@ -125,7 +141,7 @@ def mirrored(evidence: Evidence) -> bool:
 
     The likeliest place says which ranges are right, and the mirror test is made with these.
     """
-    best = likeliest(evidence)
+    best = starts(evidence, 1)[0]
     fit = fitting(evidence, best, evidence.variances)
     if fit.sum() < 3:
         return True
@@ -140,7 +156,7 @@ def rough_evidence(evidence: Evidence) -> float:
 
     Laplace's approximation: right to a few nats, where nested sampling is right to a tenth.
     """
-    best = likeliest(evidence)
+    best = starts(evidence, 1)[0]
     xi = best - evidence.centre
     log_prior = -0.5 * xi @ xi / evidence.sigma**2 - 2 * math.log(evidence.sigma)
     _, log_det = np.linalg.slogdet(_information(evidence, best))
@@ -152,6 +168,30 @@ def fitting(evidence: Evidence, place: np.ndarray, variances: np.ndarray) -> np.
     """(N,) bool: the ranges that a (2,) place explains, given their (N,) variances, [m^2]."""
     distances = np.linalg.norm(place - evidence.anchors, axis=1)
     return (distances - evidence.ranges) ** 2 < GATE * variances
+
+
+def many_starts(evidence: Evidence, *, rng: np.random.Generator) -> tuple[Posterior, bool]:
+    """The posterior by importance sampling about its modes, and whether its weights are sound.
+
+    Sound are weights of enough effective draws and without a heavy tail (`importance`).
+
+    Raises
+    ------
+    importance.NoModeError : no start ended in a mode
+    """
+    settings = importance.FastSettings()
+    found = importance.sample(
+        evidence.factors, evidence.sigma * np.eye(2), settings,
+        starts(evidence, settings.n_starts) - evidence.centre, rng=rng,
+    )  # fmt: skip
+    log_prior = -0.5 * np.sum(found.samples**2, axis=1) / evidence.sigma**2
+    sound = found.diagnostics
+    return Posterior(
+        found.samples + evidence.centre,
+        np.exp(found.log_weights),
+        found.log_likelihoods + log_prior,
+        found.log_evidence + evidence.ceiling,
+    ), sound.k_hat <= importance.MAX_K_HAT and sound.ess >= importance.MIN_ESS
 
 
 def sample(evidence: Evidence, *, rng: np.random.Generator) -> Posterior:
@@ -178,8 +218,7 @@ def grid(evidence: Evidence, cells: int = GRID_CELLS) -> Posterior:
     axis, step = axis * GRID_REACH * evidence.sigma, step * GRID_REACH * evidence.sigma
     evidence = replace(evidence, variances=evidence.variances + step**2 / 12)
     xi = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
-    log_densities = compiled.log_likelihoods(evidence.factors, xi)
-    log_densities -= 0.5 * np.sum(xi**2, axis=1) / evidence.sigma**2
+    log_densities = _log_densities(evidence, xi)
     total = np.logaddexp.reduce(log_densities)
     norm = math.log(step**2 / (2 * math.pi * evidence.sigma**2))
     return Posterior(
