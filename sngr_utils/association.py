@@ -7,6 +7,7 @@ with a weighted least-squares estimate and so estimates poses, landmarks and p t
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import gtsam
 import numpy as np
@@ -33,17 +34,29 @@ class SoftEstimate:
     ----------
     poses : (T, 3), [m, m, rad]
     landmarks : (K, 2), [m]; NaN where none was started
-    responsibilities : (M, K) posterior that a range came from a landmark
+    weights : (M, K+1) posterior of each range's source, the last column "none of these"
     p : share of wrong labels, estimated
-    position_covariances : (T, 2, 2) in the world frame, [m^2], with what the associations leave
-        open
+    the_world, sure : what it was found from
     """
 
     poses: np.ndarray
     landmarks: np.ndarray
-    responsibilities: np.ndarray
+    weights: np.ndarray
     p: float
-    position_covariances: np.ndarray
+    the_world: world.World
+    sure: gtsam.NonlinearFactorGraph
+
+    @property
+    def responsibilities(self) -> np.ndarray:
+        """(M, K) posterior that a range came from a landmark"""
+        return self.weights[:, :-1]
+
+    @cached_property
+    def position_covariances(self) -> np.ndarray:
+        """(T, 2, 2) in the world frame, [m^2], with what the associations leave open"""
+        return position_covariances(
+            self.sure, self.the_world, self.poses, self.landmarks, self.weights
+        )
 
 
 def log_prior(labels: np.ndarray, n_landmarks: int, p: float) -> np.ndarray:
@@ -64,13 +77,17 @@ def posterior(log_weights: np.ndarray) -> np.ndarray:
     return special.softmax(log_weights, axis=1)
 
 
-def exclusive_posterior(log_weights: np.ndarray) -> np.ndarray:
-    """The same for the N ranges of one scan, no two of which came from the same landmark.
+def exclusive_posterior(log_weights: np.ndarray, scan_of: np.ndarray | None = None) -> np.ndarray:
+    """The same where no two of the ranges of a scan came from the same landmark.
 
     Exact: the sum over all matchings, by forward and backward recursions over subsets of the
     landmarks (a permanent, in N K 2^K operations). "None" may be taken any number of times.
     Weights below e^-50 of a range's largest are raised to that, so that 14 of them, where two
     ranges fit one landmark only, do not underflow together.
+
+    Parameters
+    ----------
+    scan_of : (N,) int, ascending, the scan of each range; None if all are of one
 
     Raises
     ------
@@ -84,9 +101,21 @@ def exclusive_posterior(log_weights: np.ndarray) -> np.ndarray:
         raise ValueError(f"n_landmarks is {n_landmarks}: mutual exclusion takes {MOST_LANDMARKS}")
     relative = log_weights - log_weights.max(axis=1, keepdims=True)
     scaled = np.where(np.isneginf(relative), 0.0, np.exp(np.maximum(relative, LEAST)))
-    found = _matchings(scaled)
+    n = len(scaled)
+    ends = [n] if scan_of is None else [*(np.flatnonzero(np.diff(scan_of)) + 1), n]
+    found = _matchings_by_scan(scaled, np.array(ends))
     if not np.isfinite(found).all():
         raise ValueError("log_weights allow no matching of ranges and landmarks")
+    return found
+
+
+@compile_once
+def _matchings_by_scan(weights, ends):
+    """`_matchings` of every scan, whose rows end before `ends`."""
+    found, start = np.empty(weights.shape), 0
+    for end in ends:
+        found[start:end] = _matchings(weights[start:end])
+        start = end
     return found
 
 
@@ -178,8 +207,7 @@ def fit(
         if width == 1.0 and moved < SETTLED:
             break
         width = max(1.0, COOLING * width)
-    covariances = position_covariances(sure, the_world, poses, landmarks, weights)
-    return SoftEstimate(poses, landmarks, weights[:, :-1], p, covariances)
+    return SoftEstimate(poses, landmarks, weights, p, the_world, sure)
 
 
 def responsibilities(
@@ -215,8 +243,7 @@ def responsibilities(
         log_weights[:, -1] = special.logsumexp(prior[:, absent], axis=1) + uniform
     if not exclusive:
         return posterior(log_weights)
-    scans = np.split(log_weights, np.flatnonzero(np.diff(the_world.pose_of)) + 1)
-    return np.concatenate([exclusive_posterior(scan) for scan in scans])
+    return exclusive_posterior(log_weights, the_world.pose_of)
 
 
 def _share_wrong(weights: np.ndarray, labels: np.ndarray) -> float:

@@ -38,7 +38,7 @@ class Config(ManyWorlds):
     p_film : share of wrong associations of the run that is drawn
     """
 
-    first_seed: Seed = 5000
+    first_seed: Seed = 6000
     n_seeds: Annotated[int, Field(ge=2)] = 30
     p_levels: Levels = [0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5]
     p_peers: Levels = [0.1, 0.2, 0.3, 0.4, 0.5]

@@ -54,10 +54,10 @@ class Config(ManyWorlds):
     p_refined: Levels = [0.0, 0.1, 0.2, 0.3]
     tau_refined: Positive = 3.9
     n_corrected: Annotated[int, Field(ge=2)] = 20
-    p_corrected: Levels = [0.0, 0.2]
-    n_robust: Annotated[int, Field(ge=2)] = 20
+    p_corrected: Levels = [0.2]
+    n_robust: Annotated[int, Field(ge=2)] = 10
     p_robust: Levels = [0.0, 0.2, 0.4]
-    n_windows: Annotated[int, Field(ge=2)] = 8
+    n_windows: Annotated[int, Field(ge=2)] = 4
     p_windows: Probability = 0.2
 
     @model_validator(mode="after")

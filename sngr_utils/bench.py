@@ -35,8 +35,9 @@ class BenchSettings(Checked):
     bench_p : wrong-association probability of the world
 
     bench_windows : windows of it, spread evenly
-    bench_runs : runs of each dynesty engine, over all windows; the compiled samplers run ten
-        times as many, the loop over the closure a fifth
+    bench_runs : runs of dynesty with a compiled walk, over all windows; the compiled samplers run
+        ten times as many, dynesty with GTSAM's factors or short walks a third, the loop over the
+        closure a ninth
     reference_draws : importance samples behind each window's reference evidence and mean
     lengths : numbers of poses at which the growth is measured
     """
@@ -145,10 +146,12 @@ def contenders(base: Baseline, settings: nested.SamplerSettings) -> list[Contend
     long = settings.model_copy(update={"min_walks": max(few, engines.ENOUGH_WALKS)})
     many = long.min_walks
     return [
-        Contender(CLOSURE_LOOP, settings, whole_closure, every=5),
-        Contender(WINDOW_LOOP, settings, looped),
-        Contender(f"dynesty {n}/{few}, one call to GTSAM", settings, through("dynesty")),
-        Contender(f"dynesty {n}/{few}, compiled walk", settings, through("dynesty-compiled")),
+        Contender(CLOSURE_LOOP, settings, whole_closure, every=9),
+        Contender(WINDOW_LOOP, settings, looped, every=3),
+        Contender(f"dynesty {n}/{few}, one call to GTSAM", settings, through("dynesty"), every=3),
+        Contender(
+            f"dynesty {n}/{few}, compiled walk", settings, through("dynesty-compiled"), every=3
+        ),
         Contender(f"dynesty {n}/{many}, compiled walk", long, through("dynesty-compiled")),
         Contender(f"compiled nested {n}/{few}", settings, through("nested"), 10),
         Contender(f"compiled nested {n}/{many}", long, through("nested"), 10),

@@ -128,20 +128,23 @@ def decide(
     used = np.where(sure, data.label_of, DROPPED)
     weights = np.zeros((len(rows), n_landmarks + 1))
     weights[rows, data.label_of] = 1.0
-    logs = log_weights(data, found, p)
-    for scan in np.split(rows, np.flatnonzero(np.diff(data.pose_of)) + 1):
-        if not doubtful[scan].any():
-            continue
-        posterior = association.exclusive_posterior if exclusive else association.posterior
-        weights[scan] = posterior(logs[scan])
-        best = np.argmax(weights[scan], axis=1)
-        known = best < n_landmarks
-        place = np.where(known, best, 0)
-        good = known & (weights[scan, best] > RESOLVED) & sharp[scan, place]
-        good &= squared[scan, place] < IMPOSSIBLE
-        if not swap:
-            good &= best == data.label_of[scan]
-        used[scan] = np.where(good, best, DROPPED)
+    asked = np.flatnonzero(np.isin(data.pose_of, data.pose_of[doubtful]))
+    if len(asked) == 0:
+        return Credit(used, weights)
+    logs = log_weights(data, found, p)[asked]
+    weights[asked] = (
+        association.exclusive_posterior(logs, data.pose_of[asked])
+        if exclusive
+        else association.posterior(logs)
+    )
+    best = np.argmax(weights[asked], axis=1)
+    known = best < n_landmarks
+    place = np.where(known, best, 0)
+    good = known & (weights[asked, best] > RESOLVED) & sharp[asked, place]
+    good &= squared[asked, place] < IMPOSSIBLE
+    if not swap:
+        good &= best == data.label_of[asked]
+    used[asked] = np.where(good, best, DROPPED)
     return Credit(used, weights)
 
 

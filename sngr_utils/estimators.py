@@ -143,13 +143,16 @@ def _from(
 def _sngr(
     the_world: world.World, conventions: graph.Conventions, rng: np.random.Generator
 ) -> Estimate:
-    """The paper's Algorithm 1, with long walks so that the sampler has no bias of its own."""
+    """The paper's Algorithm 1. Its windows are nearly Gaussian: the fast path samples them.
+
+    It hands those on to nested sampling that it cannot be trusted with (`engines`).
+    """
     solution = graph.run_isam2(the_world, conventions)
     covariance = chain.window_covariances(solution, the_world, conventions)
     fired = windows.triggers(np.array([windows.score(block) for block in covariance]), TAU)
     settings = nested.SamplerSettings(min_walks=engines.ENOUGH_WALKS)
     refined = refine.refine_windows(
-        solution, np.flatnonzero(fired), covariance, settings, refine.Gate(), "nested", rng=rng
+        solution, np.flatnonzero(fired), covariance, settings, refine.Gate(), "fast", rng=rng
     )
     poses = graph.poses_of(refine.apply_updates(solution.estimate, refined), the_world.n_poses)
     covariances = graph.position_covariances(solution, "world")

@@ -45,6 +45,7 @@ def _locate(
     if place.mirrored(evidence):
         belief.counts["mirror waits"] += 1
         return None
+    belief.counts["landmark questions"] += 1
     cloud, sound = place.many_starts(evidence, rng=rng)
     best = place.modes(cloud, evidence)[0]
     if by_nested and not sound and best.mass > place.ENOUGH_MASS:

@@ -66,22 +66,33 @@ def mirror_test(
     ValueError : shapes that do not fit, a value that is not finite, or a variance that is not
         positive
     """
-    positions, ranges, variances, landmark = _checked(positions, ranges, variances, landmark)
+    return Mirror(*reflect(*_checked(positions, ranges, variances, landmark)))
+
+
+@compile_once
+def reflect(positions, ranges, variances, landmark):
+    """The fields of `Mirror` from arguments of `mirror_test` that need no check, as arrays."""
     centre, normal = trajectory_line(positions)
     sigma = math.sqrt(variances.min())
-    height = (landmark - centre) @ normal
+    height = (landmark[0] - centre[0]) * normal[0] + (landmark[1] - centre[1]) * normal[1]
     foot = landmark - height * normal
     start = math.copysign(max(abs(height), sigma), height) * normal
     here, cost, spread = _refit(positions, ranges, 1 / variances, foot + start)
     there, image_cost, _ = _refit(positions, ranges, 1 / variances, foot - start)
-    distinct = bool(np.linalg.norm(here - there) > SAME * sigma)
-    return Mirror(here, there, cost, image_cost, spread, distinct)
+    distinct = math.hypot(here[0] - there[0], here[1] - there[1]) > SAME * sigma
+    return here, there, cost, image_cost, spread, distinct
 
 
-def trajectory_line(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+@compile_once
+def trajectory_line(positions):
     """Total least squares line of (n, 2) positions: (2,) a point on it and its (2,) unit normal."""
-    centre = positions.mean(axis=0)
-    return centre, np.linalg.svd(positions - centre)[2][1]
+    x, y = positions[:, 0].mean(), positions[:, 1].mean()
+    xx = xy = yy = 0.0
+    for i in range(len(positions)):
+        dx, dy = positions[i, 0] - x, positions[i, 1] - y
+        xx, xy, yy = xx + dx * dx, xy + dx * dy, yy + dy * dy
+    angle = 0.5 * math.atan2(2 * xy, xx - yy)  # of the long axis
+    return np.array([x, y]), np.array([-math.sin(angle), math.cos(angle)])
 
 
 def _checked(positions, ranges, variances, landmark) -> list[np.ndarray]:

@@ -47,6 +47,7 @@ def find_robot(belief: Belief, by_nested: bool, *, rng: np.random.Generator) -> 
     trusted = np.log(prior * here + (1 - prior) / data.ranges.max()).sum()
     if not lost and place.rough_evidence(evidence) - trusted < SLIP_ODDS - ROUGH:
         return
+    belief.counts["position questions"] += 1
     cloud, sound = place.many_starts(evidence, rng=rng)
     if by_nested and not sound:
         belief.counts["position samples"] += 1

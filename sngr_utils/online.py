@@ -2,8 +2,9 @@
 
 One step (`Online.step`): predict the new pose, and doubt the odometry if the scan does; credit
 the ranges; start landmarks whose place has become known; credit all earlier ranges anew; start
-anew what went wrong. Nested sampling is asked two things only: where a landmark is, and where
-the robot is when its scan contradicts the odometry.
+anew what went wrong. Non-Gaussian inference is asked two things only: where a landmark is, and
+where the robot is when its scan contradicts the odometry. Many starts answer, and nested sampling
+is the referee.
 """
 
 from collections import Counter
@@ -27,7 +28,7 @@ BETTER = 1.0  # nats that an estimate of EM must gain to be adopted
 class Settings(Checked):
     """What can be switched off, to see what it is worth; the defaults are the method.
 
-    nested : the two questions are put to nested sampling, not to a grid
+    nested : nested sampling is the referee where many starts are not sound; else there is none
     delayed : a landmark waits until its posterior has one mode; else it starts by least squares
         on its first three poses, as in the paper
     exclusive : no two ranges of a scan come from the same landmark
@@ -64,8 +65,9 @@ class OnlineEstimate:
     position_covariances : (T, 2, 2) in the world frame, [m^2]
     p : share of wrong labels, estimated
     filtered : (T, 3) each pose as estimated when it was the newest, [m, m, rad]
-    counts : how often: "landmark samples" and "position samples" (runs of nested sampling, by
-        reason), "mirror waits" (landmarks left to wait by the mirror test, without a run),
+    counts : how often: "landmark questions" and "position questions" (put to many starts, by
+        reason), "landmark samples" and "position samples" (referred to nested sampling), "mirror
+        waits" (landmarks left to wait by the mirror test, without a run),
         "landmark restarts", "batch trials" and "batch restarts" (EM tried and adopted), "slips",
         and of all ranges at the end "swapped" and "dropped"
     """

@@ -38,10 +38,10 @@ class Config(ManyWorlds):
     n_particles : of FastSLAM
     """
 
-    first_seed: Seed = 5000
+    first_seed: Seed = 6000
     n_seeds: Annotated[int, Field(ge=2)] = 20
     p_levels: Levels = [0.0, 0.2, 0.4]
-    p_starts: Levels = [0.2, 0.4]
+    p_starts: Levels = [0.4]
     n_particles: Annotated[int, Field(ge=2)] = 300
 
     @model_validator(mode="after")

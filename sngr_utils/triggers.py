@@ -42,7 +42,7 @@ class Config(ManyWorlds):
     seed_shown, p_shown : the world with a burst of the figure along a trajectory
     """
 
-    first_seed: Seed = 5000
+    first_seed: Seed = 6000
     n_seeds: Annotated[int, Field(ge=2)] = 30
     n_calibration: Annotated[int, Field(ge=1)] = 30
     n_shifted: Annotated[int, Field(ge=2)] = 12

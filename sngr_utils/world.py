@@ -59,7 +59,7 @@ class ManyWorlds(Scenario):
     """
 
     first_seed: Seed = 0
-    jobs: Annotated[int, Field(ge=1)] = 2
+    jobs: Annotated[int, Field(ge=1)] = 1
 
     @property
     def scenario(self) -> Scenario:

@@ -250,7 +250,8 @@ def test_pipeline_applies_only_what_the_gate_accepts(pipeline):
 
 def test_pipeline_tables_and_figures(pipeline, tmp_path):
     config, levels = pipeline
-    presets = full_sngr.run_presets(config.model_copy(update={"n_live": 20, "dlogz": 5.0}))
+    rough = config.model_copy(update={"n_live": 20, "dlogz": 5.0})
+    presets = full_sngr.run_presets(rough, full_sngr.run(rough))
     assert full_sngr.sngr_table(config, levels).shape == (1, 15)
     assert full_sngr.gain_table(levels).shape[0] == 1
     assert list(full_sngr.preset_table(presets)["preset"]) == ["printed", "A", "B", "C"]
