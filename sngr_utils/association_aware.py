@@ -181,13 +181,14 @@ def record(
     for p, rows in ours.groupby("p", sort=False):
         here = f"online.p{p:g}"
         for name, fmt in (("pose_rmse", ".3f"), ("ratio", ".3f"), ("nees", ".2f"),
-                          ("filtered_rmse", ".3f"), ("landmark samples", ".1f"),
+                          ("filtered_rmse", ".3f"), ("landmark questions", ".1f"),
                           ("miscredited", ".1f")):  # fmt: skip
             to.sample(f"{here}.{name.replace(' ', '_')}", rows[name].astype(float), fmt)
         to.sample(f"{here}.graph", rows["graph_rmse"] / rows["oracle_rmse"], ".3f")
         to.value(f"{here}.worst", rows["ratio"].max(), n=len(rows), within=0.2)
-        shares = 100 * rows["position samples"] / n_windows
-        to.sample(f"{here}.windows", shares.astype(float), ".1f", "%")
+        runs_of_nested = online_tables.sampled(rows)
+        to.sample(f"{here}.nested", runs_of_nested)
+        to.sample(f"{here}.windows", 100 * runs_of_nested / n_windows, ".1f", "%")
     for (method, p), rows in runs[runs["method"] != online_study.NAME].groupby(["method", "p"]):
         to.sample(f"online.{method}.p{p:g}.ratio", rows["ratio"])
         to.sample(f"online.{method}.p{p:g}.nees", rows["nees"])

@@ -16,8 +16,8 @@ from sngr_utils.online import Settings
 NAME = "online"  # of the method itself, among its variants
 STREAM, SLIPS, FILM = 80, 81, 82  # of random numbers, beside the seed of the world
 COUNTS = (
-    "landmark samples", "position samples", "mirror waits", "landmark restarts", "batch restarts",
-    "slips", "swapped", "dropped",
+    "landmark questions", "position questions", "landmark samples", "position samples",
+    "mirror waits", "landmark restarts", "batch restarts", "slips", "swapped", "dropped",
 )  # fmt: skip
 
 PARTS = {  # what a variant changes of the settings

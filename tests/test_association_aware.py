@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sngr_utils import association_aware, online_plots, online_study, report, style
+from sngr_utils import association_aware, estimators, online_plots, online_study, report, style
 from sngr_utils import online_tables as tables
 
 CONFIG = association_aware.Config(
@@ -30,8 +30,22 @@ def test_tables_hold_what_the_frame_holds(runs):
     assert goal.iloc[1]["online: ratio"] == f"{ours['ratio'].mean():.3f}"
     assert len(tables.test_table(runs)) == runs["method"].nunique() - 2  # ours, the oracle
     counts = tables.counts_table(runs, 28)
-    share = 100 * ours["position samples"].mean() / 28
-    assert counts.iloc[1]["windows sampled [%]"] == f"{share:.1f}"
+    share = 100 * (ours["position samples"] + ours["landmark samples"]).mean() / 28
+    assert counts.iloc[1]["nested sampling", "% of windows"] == f"{share:.1f}"
+    asked = ours["landmark questions"].mean()
+    assert counts.iloc[1]["many starts", "landmark"] == f"{asked:.1f}"
+
+
+def test_p_values_are_those_of_the_paired_test_and_never_smaller(runs):
+    """Of all tests the largest p-value is as it was (Benjamini and Hochberg)."""
+    table = tables.test_table(runs).set_index(("", "method"))
+    (p,) = [p for p in dict.fromkeys(runs.loc[runs["method"] == "huber", "p"]) if p > 0]
+    shown = table[f"p = {p:g}", "p-value"].astype(float)
+    peers = [m for m in estimators.METHODS if m != "oracle"]
+    chosen = runs[runs["p"] == p]
+    raw = [estimators.paired(chosen, m, online_study.NAME)["p_value"].iloc[0] for m in peers]
+    assert (shown >= 0.95 * np.array(raw)).all()  # one digit is shown
+    assert shown.max() == float(f"{max(raw):.1g}")
 
 
 def test_summary_draws_every_method(runs):
