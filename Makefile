@@ -9,7 +9,8 @@ SHELL := bash
 
 PYTHON ?=
 JOBS ?= 2
-NOTEBOOKS := $(sort $(notdir $(basename $(wildcard notebooks/*.ipynb))))
+# The last ones first: they take longest, and the short ones fill what is left of two cores.
+NOTEBOOKS := $(notdir $(basename $(shell ls -r notebooks/*.ipynb)))
 PY := .venv/bin/python
 RUN := $(PY) -m sngr_utils.run
 # Once for all notebooks and tests that follow; seconds if it has been done.

@@ -297,8 +297,11 @@ def check() -> dict[str, dict[str, Any]]:
 
 
 def print_stale() -> None:
-    """Print the make targets that bring the results up to date, after checking all parameters."""
-    for name, params in check().items():
+    """Print the make targets that bring the results up to date, after checking all parameters.
+
+    The last notebooks first: they take longest, and the short ones fill what is left of two cores.
+    """
+    for name, params in reversed(check().items()):
         if not is_fresh(name, params):
             print(f"run/{name}")
 

@@ -15,6 +15,11 @@ from sngr_utils import baseline, graph, world
 IMAGE_TOLERANCE = 1.0
 
 
+def pytest_collection_modifyitems(items):
+    """The last notebooks first, which take longest: else one worker ends with them, alone."""
+    items.sort(key=lambda i: i.path.name if i.path.suffix == ".ipynb" else "", reverse=True)
+
+
 def image_difference(first: str, second: str) -> float:
     """RMS difference of two base64 PNGs in grey levels; infinite if their sizes differ."""
     images = [
