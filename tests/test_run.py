@@ -1,11 +1,11 @@
 """The headless runner on a small project of its own: bad input, failure, freshness."""
 
+import logging
 import os
 import shutil
 import signal
-import subprocess
-import sys
 import time
+from contextlib import contextmanager
 
 import nbformat
 import pytest
@@ -36,26 +36,57 @@ paper.save()
 """
 
 
-@pytest.fixture
-def project(tmp_path, monkeypatch):
+def make_project(folder):
     """A copy of what the runner needs, with a small notebook in place of the real 01."""
-    shutil.copytree(paths.PACKAGE, tmp_path / "sngr_utils")
-    (tmp_path / "params/quick").mkdir(parents=True)
-    for folder in ("params", "params/quick"):
-        shutil.copy(paths.PARAMS / f"{NAME}.yaml", tmp_path / folder)
-    (tmp_path / "paper").mkdir()
-    shutil.copy(paths.PRINTED_VALUES, tmp_path / "paper")
-    (tmp_path / "paper/claims.yaml").write_text(CLAIMS)
-    claims.read.cache_clear()
-    shutil.copy(paths.LOCK, tmp_path)
-    (tmp_path / "notebooks").mkdir()
-    real, root = parameters.read_notebook(NAME), paths.ROOT
-    for name in [name for name in vars(paths) if name.isupper()]:
-        monkeypatch.setattr(paths, name, tmp_path / getattr(paths, name).relative_to(root))
+    shutil.copytree(paths.PACKAGE, folder / "sngr_utils")
+    (folder / "params/quick").mkdir(parents=True)
+    for params in ("params", "params/quick"):
+        shutil.copy(paths.PARAMS / f"{NAME}.yaml", folder / params)
+    (folder / "paper").mkdir()
+    shutil.copy(paths.PRINTED_VALUES, folder / "paper")
+    (folder / "paper/claims.yaml").write_text(CLAIMS)
+    shutil.copy(paths.LOCK, folder)
+    (folder / "notebooks").mkdir()
+    real = parameters.read_notebook(NAME)
     (declared,) = (c for c in real.cells if "parameters" in c.metadata.get("tags", []))
-    write_notebook(tmp_path, declared, BODY)
-    yield tmp_path
+    write_notebook(folder, declared, BODY)
+
+
+@contextmanager
+def at_home_in(folder):
+    """All of the project's paths lead into a folder."""
+    root = paths.ROOT
     claims.read.cache_clear()
+    with pytest.MonkeyPatch.context() as patch:
+        for name in [name for name in vars(paths) if name.isupper()]:
+            patch.setattr(paths, name, folder / getattr(paths, name).relative_to(root))
+        yield folder
+    claims.read.cache_clear()
+
+
+@pytest.fixture
+def project(tmp_path):
+    make_project(tmp_path)
+    with at_home_in(tmp_path):
+        yield tmp_path
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A project whose notebook has been run and published."""
+    folder = tmp_path_factory.mktemp("finished")
+    make_project(folder)
+    with at_home_in(folder):
+        run.run_notebook(NAME)
+    return folder
+
+
+@pytest.fixture
+def published(finished, tmp_path):
+    """A copy of it to spoil: results do not depend on where the project lies."""
+    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
+    with at_home_in(tmp_path):
+        yield tmp_path
 
 
 def write_notebook(project, declared, body, extra=""):
@@ -130,29 +161,24 @@ def test_notebook_without_parameters_or_driver(project):
         parameters.driver_of("09_other")
 
 
-def test_run_publish_and_freshness(project, capsys):
-    run.run_notebook(NAME)
+def test_run_publish_and_freshness(published, capsys):
     result = report.read_json(paths.RESULTS / f"{NAME}.json")
     figure = paths.FIGURES / f"{NAME}_f.pdf"
     assert set(result["provenance"]["files"]) == {
         f"figures/{NAME}_f.pdf",
         f"build/executed/{NAME}.ipynb",
     }
-    first = figure.read_bytes()
+    assert figure.exists()
 
     capsys.readouterr()
-    os.utime(project / f"params/{NAME}.yaml")  # a new date alone changes nothing
-    edit(project, "seed: 0", "seed: 0  # nor does a comment")
+    os.utime(published / f"params/{NAME}.yaml")  # a new date alone changes nothing
+    edit(published, "seed: 0", "seed: 0  # nor does a comment")
     run.run_notebook(NAME)
     assert "up to date" in capsys.readouterr().out
     assert run.main(["stale"]) == 0
     assert capsys.readouterr().out == ""
 
-    figure.write_bytes(b"damaged")
-    run.run_notebook(NAME)
-    assert figure.read_bytes() == first
-
-    edit(project, "seed: 0", "seed: 5")
+    edit(published, "seed: 0", "seed: 5")
     assert not run.is_fresh(NAME, parameters.read_params(NAME))
     capsys.readouterr()
     assert run.main(["stale"]) == 0
@@ -165,30 +191,34 @@ def test_run_publish_and_freshness(project, capsys):
     assert "{5.00}" in written
     assert r"res@claims.numbers.not_reproduced\endcsname{1}" in written  # 5, where 0 is printed
     assert "not reproduced" in (paths.PAPER / "generated/claims_full.tex").read_text()
-    (project / "paper/claims.yaml").write_text(CLAIMS.replace("ours: seed", "ours: absent"))
+    (published / "paper/claims.yaml").write_text(CLAIMS.replace("ours: seed", "ours: absent"))
     claims.read.cache_clear()
     with pytest.raises(parameters.ProjectError, match="needs 'absent', which no notebook"):
         run.write_latex()
 
 
-def test_damaged_or_edited_results_are_made_again(project):
-    run.run_notebook(NAME)
+def test_damaged_or_edited_results_are_made_again(published):
     params = parameters.read_params(NAME)
-    path = paths.RESULTS / f"{NAME}.json"
-    good = path.read_text()
+    path, figure = paths.RESULTS / f"{NAME}.json", paths.FIGURES / f"{NAME}_f.pdf"
+    good, drawn = path.read_text(), figure.read_bytes()
+    figure.write_bytes(b"damaged")
+    assert not run.is_fresh(NAME, params)
+    figure.write_bytes(drawn)
+    assert run.is_fresh(NAME, params)
+    figure.write_bytes(b"damaged")
     for damage in ("{", good.replace('"value": 0.0', '"value": 7.0'), "{}"):
         assert damage != good
         path.write_text(damage)
         assert not run.is_fresh(NAME, params)
     run.run_notebook(NAME)
     assert path.read_text() == good
+    assert figure.read_bytes() == drawn
     (paths.EXECUTED / f"{NAME}.ipynb").unlink()
     assert not run.is_fresh(NAME, params)
 
 
 def test_a_dead_kernel_is_a_sentence(project, capsys):
-    body = BODY + "\nimport os; os._exit(3)"
-    write_notebook(project, declared_cell(project), body)
+    write_notebook(project, declared_cell(project), "import os; os._exit(3)")
     assert run.main(["notebook", NAME]) == 1
     assert "the kernel died" in capsys.readouterr().err
 
@@ -214,11 +244,10 @@ def test_what_makes_results_stale(project):
     assert run.provenance(NAME, params) != before
 
 
-def test_failing_notebook_keeps_what_was_published(project, capsys):
-    run.run_notebook(NAME)
+def test_failing_notebook_keeps_what_was_published(published, capsys):
     before = {p: p.read_bytes() for p in paths.FIGURES.iterdir()}
     before |= {p: p.read_bytes() for p in paths.RESULTS.iterdir()}
-    write_notebook(project, declared_cell(project), BODY, "\nraise RuntimeError('on purpose')")
+    write_notebook(published, declared_cell(published), BODY, "\nraise RuntimeError('on purpose')")
     assert run.main(["notebook", NAME]) == 1
     message = capsys.readouterr().err
     assert "RuntimeError: on purpose" in message
@@ -234,9 +263,8 @@ def test_notebook_that_saves_nothing_is_an_error(project):
         run.run_notebook(NAME)
 
 
-def test_figures_no_longer_drawn_are_removed(project):
-    run.run_notebook(NAME)
-    write_notebook(project, declared_cell(project), BODY.replace('"f"', '"g"'))
+def test_figures_no_longer_drawn_are_removed(published):
+    write_notebook(published, declared_cell(published), BODY.replace('"f"', '"g"'))
     run.run_notebook(NAME)
     assert sorted(p.name for p in paths.FIGURES.iterdir()) == [f"{NAME}_g.pdf"]
 
@@ -249,27 +277,30 @@ def test_quick_and_refresh(project):
     refreshed = nbformat.read(project / f"notebooks/{NAME}.ipynb", as_version=4)
     assert refreshed.cells[2].execution_count == 2
     assert refreshed.metadata.language_info == {"name": "python"}
-    broken = BODY + "\n1 / 0"
-    write_notebook(project, declared_cell(project), broken)
+    write_notebook(project, declared_cell(project), "1 / 0")
     content = (project / f"notebooks/{NAME}.ipynb").read_bytes()
     with pytest.raises(parameters.ProjectError, match="ZeroDivisionError"):
         run.refresh_notebook(NAME)
     assert (project / f"notebooks/{NAME}.ipynb").read_bytes() == content
 
 
-def test_interrupt_leaves_with_a_message():
+def test_interrupt_leaves_with_a_message(monkeypatch, capfd):
     """SIGINT to a running command: a sentence, status 130, no traceback."""
-    code = (
-        "import sys, time; from sngr_utils import run;"
-        "run.check = lambda: (print('started', flush=True), time.sleep(60));"
-        "sys.exit(run.main(['check']))"
-    )
-    process = subprocess.Popen(
-        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    assert process.stdout.readline() == "started\n"
-    time.sleep(0.2)
-    process.send_signal(signal.SIGINT)
-    _, message = process.communicate(timeout=30)
-    assert process.returncode == 130
-    assert message == "interrupted: published results are untouched\n"
+
+    def interrupted():
+        print("started", flush=True)
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(60)
+
+    monkeypatch.setattr(run, "check", interrupted)
+    monkeypatch.setattr(run, "_interrupted", [])
+    asyncio_log = logging.getLogger("asyncio")
+    monkeypatch.setattr(asyncio_log, "level", asyncio_log.level)
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        status = run.main(["check"])
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    assert status == 130
+    assert capfd.readouterr() == ("started\n", "interrupted: published results are untouched\n")
