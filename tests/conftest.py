@@ -3,12 +3,13 @@
 import base64
 import io
 
+import joblib
 import numpy as np
 import pytest
 from nbval.plugin import IPyNbCell
 from PIL import Image
 
-from sngr_utils import baseline, graph, world
+from sngr_utils import baseline, graph, trigger_sweep, world
 
 # Root mean square difference of two renderings, of 255 grey levels, that counts as the same.
 # Rounding in the last digit moves single anti-aliased pixels; a changed point moves far more.
@@ -52,6 +53,22 @@ def pytest_runtest_call(item):
 def clean() -> baseline.Baseline:
     """The paper's clean world, seed 0, preset B."""
     return baseline.run_baseline(world.Scenario(), graph.PRESETS["B"], 0.0, 0)
+
+
+@pytest.fixture(scope="session")
+def paper_sweep() -> trigger_sweep.Sweep:
+    """Notebook 02's sweep with the paper's parameters."""
+    return trigger_sweep.run(trigger_sweep.Config())
+
+
+@pytest.fixture
+def forked():
+    """Worker processes forked from this one, which need not import the library again.
+
+    `test_engines` has joblib's own, which start afresh.
+    """
+    with joblib.parallel_config(backend="multiprocessing"):
+        yield
 
 
 @pytest.fixture(scope="session")

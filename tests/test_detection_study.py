@@ -16,7 +16,7 @@ def rows():
     return study.with_either(found, found)
 
 
-def test_results_do_not_depend_on_the_number_of_processes(rows):
+def test_results_do_not_depend_on_the_number_of_processes(rows, forked):
     again = study.run(CASES, PAPER, C, [100, 101], jobs=2)
     pd.testing.assert_frame_equal(again, rows.drop(columns="either"))
 

@@ -20,7 +20,7 @@ def serial():
     return small()
 
 
-def test_sweep_hangs_on_neither_workers_nor_backend_nor_order(serial):
+def test_sweep_hangs_on_neither_workers_nor_backend_nor_order(serial, forked):
     with joblib.parallel_config(backend="threading", n_jobs=2):
         threaded = small(jobs=None)
     reordered = small(seeds=(1, 2, 3))
