@@ -33,7 +33,8 @@ def quick(module, name):
 
 @pytest.fixture(scope="module")
 def bimodal_result():
-    return bimodal.run(bimodal.Config(n_repeats=20))
+    """Half the live points: the errors, measured and stated, both grow by the same root of two."""
+    return bimodal.run(bimodal.Config(n_repeats=20, n_live=50))
 
 
 def test_saddle_log_likelihoods_in_both_conventions():
@@ -98,7 +99,7 @@ def test_masses_are_of_the_modes_wherever_isam2_ended():
 
     Quadrature puts the other mode's mass at half a per cent, far from the 0.2 allowed.
     """
-    config = bimodal.Config(n_repeats=2)
+    config = bimodal.Config(n_repeats=2, n_live=50)
     upper = bimodal.run(config, at=np.array([2.0, 0.5]))
     lower = bimodal.run(config, at=np.array([2.0, -0.5]))
     assert (upper.upper_masses > 0.8).all()
@@ -151,48 +152,43 @@ def test_circles_that_do_not_cross_are_refused():
 # --- 02 ---
 
 
-@pytest.fixture(scope="module")
-def sweep():
-    return trigger_sweep.run(trigger_sweep.Config())
-
-
-def test_tau_table_prints_both(sweep):
-    table = trigger_sweep.tau_table(sweep)
+def test_tau_table_prints_both(paper_sweep):
+    table = trigger_sweep.tau_table(paper_sweep)
     assert list(table["p = 0", "ours"]) == ["4", "0", "0", "0"]
     assert list(table["p = 0.3", "printed"]) == ["–", "21", "14", "8"]
 
 
-def test_choice_of_tau_follows_the_papers_rule(sweep):
-    chosen, config = trigger_sweep.choose_tau(sweep), sweep.config
-    fired = {t: sweep.single(0.0).detection(t).triggered for t in config.tau_grid}
-    caught = {t: sweep.single(0.3).detection(t).triggered for t in config.tau_grid}
+def test_choice_of_tau_follows_the_papers_rule(paper_sweep):
+    chosen, config = trigger_sweep.choose_tau(paper_sweep), paper_sweep.config
+    fired = {t: paper_sweep.single(0.0).detection(t).triggered for t in config.tau_grid}
+    caught = {t: paper_sweep.single(0.3).detection(t).triggered for t in config.tau_grid}
     assert fired[chosen] == 0
     for tau in config.tau_grid:
         if fired[tau] == 0:
             assert (caught[chosen], chosen) >= (caught[tau], tau)
-    loud = trigger_sweep.Sweep(config.model_copy(update={"tau_grid": [3.0]}), sweep.runs)
+    loud = trigger_sweep.Sweep(config.model_copy(update={"tau_grid": [3.0]}), paper_sweep.runs)
     assert trigger_sweep.choose_tau(loud) is None
 
 
-def test_baseline_trends_of_the_paper(sweep):
+def test_baseline_trends_of_the_paper(paper_sweep):
     """The error and the NEES grow with p on this world; at p = 0.1 it is blind."""
-    nees = [sweep.single(p).nees for p in sweep.config.p_levels]
+    nees = [paper_sweep.single(p).nees for p in paper_sweep.config.p_levels]
     assert nees == sorted(nees)
-    blind = sweep.single(0.1).detection(sweep.config.tau)
+    blind = paper_sweep.single(0.1).detection(paper_sweep.config.tau)
     assert blind.triggered == 0
     assert blind.failed > 20
 
 
-def test_sweep_tables(sweep, tmp_path):
-    baseline_table = trigger_sweep.baseline_table(sweep)
+def test_sweep_tables(paper_sweep, tmp_path):
+    baseline_table = trigger_sweep.baseline_table(paper_sweep)
     assert baseline_table.shape == (5, 14)
-    assert trigger_sweep.clean_table(sweep).shape == (5, 5)
-    seeds = trigger_sweep.per_seed_table(sweep)
+    assert trigger_sweep.clean_table(paper_sweep).shape == (5, 5)
+    seeds = trigger_sweep.per_seed_table(paper_sweep)
     assert list(seeds["triggered", "printed"]) == ["14", "8", "0", "10", "0"]
     to = report.Report("x", tmp_path)
-    trigger_sweep.record(sweep, to)
+    trigger_sweep.record(paper_sweep, to)
     fig, axes = plt.subplots(1, 5, figsize=(2 * 5, 2.5))
-    base = sweep.single(0.3)
+    base = paper_sweep.single(0.3)
     plots.draw_ranges(axes[0], base, 3)
     plots.draw_world(axes[1], base, 3.9)
     plots.draw_scores(axes[2], base, 3.9)
@@ -230,7 +226,7 @@ def test_bad_sweep_names_the_parameter(changes, name):
 
 @pytest.fixture(scope="module")
 def pipeline():
-    config = quick(full_sngr, "03_full_sngr")
+    config = quick(full_sngr, "03_full_sngr").model_copy(update={"n_live": 20, "dlogz": 5.0})
     return config, full_sngr.run(config)
 
 
@@ -250,8 +246,8 @@ def test_pipeline_applies_only_what_the_gate_accepts(pipeline):
 
 def test_pipeline_tables_and_figures(pipeline, tmp_path):
     config, levels = pipeline
-    rough = config.model_copy(update={"n_live": 20, "dlogz": 5.0})
-    presets = full_sngr.run_presets(rough, full_sngr.run(rough))
+    other = config.model_copy(update={"engine": "nested"})
+    presets = full_sngr.run_presets(other, levels)
     assert full_sngr.sngr_table(config, levels).shape == (1, 15)
     assert full_sngr.gain_table(levels).shape[0] == 1
     assert list(full_sngr.preset_table(presets)["preset"]) == ["printed", "A", "B", "C"]
@@ -308,7 +304,7 @@ def test_bad_pipeline_names_the_parameter(name):
 
 @pytest.fixture(scope="module")
 def costs():
-    config = quick(cost, "04_cost")
+    config = quick(cost, "04_cost").model_copy(update={"n_poses": 8})
     return config, cost.run(config)
 
 
@@ -361,7 +357,7 @@ def test_more_live_points_cost_more(costs):
     config, levels = costs
     t = cost.middle_window(levels)
     small, large = (
-        cost.single_window(config.model_copy(update={"n_live": n}), t) for n in (30, 120)
+        cost.single_window(config.model_copy(update={"n_live": n}), t) for n in (20, 80)
     )
     assert large.calls > 2 * small.calls
     assert large.log_evidence_error < small.log_evidence_error

@@ -91,19 +91,20 @@ def test_counts_alike_in_all_worlds_must_stay_so(tmp_path):
     assert not rows[0].holds
 
 
-def sweep_values(tmp_path, **changes):
+def sweep_values(sweep, tmp_path):
     to = report.Report("02_trigger_sweep", tmp_path)
-    trigger_sweep.record(trigger_sweep.run(trigger_sweep.Config(**changes)), to)
+    trigger_sweep.record(sweep, to)
     to.save()
     return report.read_json(tmp_path / "02_trigger_sweep.json")["values"]
 
 
-def test_reference_holds_for_the_sweep_and_a_perturbed_parameter_is_caught(tmp_path):
+def test_reference_holds_for_the_sweep_and_a_perturbed_parameter_is_caught(paper_sweep, tmp_path):
     """The proof that verify can fail: a range sigma of 0.11 instead of 0.10 m."""
     reference = report.read_json(paths.REFERENCE / "02_trigger_sweep.json")
-    same = verify.compare_values(reference, sweep_values(tmp_path))
+    same = verify.compare_values(reference, sweep_values(paper_sweep, tmp_path))
     assert all(row.holds for row in same)
-    perturbed = verify.compare_values(reference, sweep_values(tmp_path, range_sigma=0.11))
+    other = trigger_sweep.run(trigger_sweep.Config(range_sigma=0.11))
+    perturbed = verify.compare_values(reference, sweep_values(other, tmp_path))
     assert sum(not row.holds for row in perturbed) > 5
 
 
@@ -114,7 +115,7 @@ def test_compare_and_adopt_on_folders(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(verdict_tables, "update_readme", lambda results: seen.update(results))
     seen = {}
     to = report.Report("01_bimodal", tmp_path / "verify/01_bimodal")
-    bimodal.record(bimodal.run(bimodal.Config(n_repeats=2)), to)
+    bimodal.record(bimodal.run(bimodal.Config(n_repeats=2, n_live=20)), to)
     to.sample("worlds", [1.0, 2.0])
     to.value("clock", 3.0, timing=True)
     to.save()
