@@ -26,6 +26,7 @@ from sngr_utils import (
 
 C = graph.PRESETS["C"]
 WHOLE = online.Settings()
+SHORT = world.Scenario(n_poses=12)
 
 
 def make(p, seed=100):
@@ -49,6 +50,10 @@ def noisy():
 # --- causal, repeatable, data-driven --------------------------------------------------------
 
 
+class EnoughError(Exception):
+    """A run is stopped from outside: the rest of it would say no more."""
+
+
 def test_what_comes_later_changes_nothing_of_what_was_said(noisy):
     """To the last bit, all poses and landmarks of every step, not only the newest pose."""
     drawn, _ = noisy
@@ -60,10 +65,16 @@ def test_what_comes_later_changes_nothing_of_what_was_said(noisy):
         label_of=np.where(later, drawn.label_of[::-1], drawn.label_of),
         odometry=np.vstack([drawn.odometry[:middle], drawn.odometry[middle:] + 0.3]),
     )
+
+    def watch(b):
+        stories[-1].append((b.poses, b.landmarks, b.credit.used))
+        if len(stories[-1]) == middle + 3:
+            raise EnoughError
+
     for given in (drawn, spoilt):
-        story = []
-        run(given, watch=lambda b, story=story: story.append((b.poses, b.landmarks, b.credit.used)))
-        stories.append(story)
+        stories.append([])
+        with pytest.raises(EnoughError):
+            run(given, watch=watch)
     for ours, theirs in zip(*(story[:middle] for story in stories), strict=True):
         assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(ours, theirs, strict=True))
     assert not np.array_equal(stories[0][-1][0], stories[1][-1][0])
@@ -139,7 +150,7 @@ def test_without_nested_sampling_none_is_run():
 
 
 def test_p_can_be_held():
-    assert run(make(0.2), online.Settings(p=0.1)).p == 0.1
+    assert run(make(0.2).first(10), online.Settings(p=0.1)).p == 0.1
 
 
 def test_a_slip_is_noticed_and_survived():
@@ -288,24 +299,25 @@ def test_two_ranges_that_fit_one_landmark_only_do_not_underflow():
 
 def test_study_has_every_variant_in_any_order():
     settings = {online_study.NAME: WHOLE, "hard": online.Settings(soft=False)}
-    frame = online_study.run_variants(world.Scenario(), C, settings, [0.2], [100, 101], 1)
+    frame = online_study.run_variants(SHORT, C, settings, [0.2], [100, 101], 1)
     assert list(frame["method"]) == [online_study.NAME, "hard"] * 2
-    alone = online_study.run_variants(world.Scenario(), C, settings, [0.2], [101], 1)
+    alone = online_study.run_variants(SHORT, C, settings, [0.2], [101], 1)
     kept = [name for name in frame if name != "seconds"]
     ours = frame[frame["seed"] == 101].reset_index(drop=True)[kept]
     assert ours.equals(alone[kept])
 
 
 def test_slips_are_the_same_for_all():
-    frame = online_study.run_slips(world.Scenario(), C, 0.3, 4, 0.7, [100], 1)
-    drawn = variations.slip(make(0.3), 4, 0.7, rng=np.random.default_rng([100, online_study.SLIPS]))
+    frame = online_study.run_slips(SHORT, C, 0.3, 4, 0.7, [100], 1)
+    sound = world.simulate(SHORT, 0.3, rng=np.random.default_rng(100))
+    drawn = variations.slip(sound, 4, 0.7, rng=np.random.default_rng([100, online_study.SLIPS]))
     oracle, _ = robust.estimate(drawn, C, "oracle", "grid")
     row = frame[frame["method"] == "oracle"].iloc[0]
     assert row.pose_rmse == metrics.rmse(oracle[:, :2], drawn.poses[:, :2])
 
 
 def test_film_stops_where_it_is_told():
-    frames = online_study.film(make(0.3), C, [3, 12], 100)
+    frames = online_study.film(make(0.3).first(15), C, [3, 12], 100)
     assert [len(frame.poses) for frame in frames] == [4, 13]
     assert all(np.isnan(frames[0].landmarks[k]).all() for k in frames[0].clouds)
     with pytest.raises(ValueError, match="at is"):
