@@ -26,7 +26,7 @@ def studies(small):
 
 def test_every_claim_gets_its_numbers(tmp_path):
     """With the levels of the YAML, all keys that claims.yaml asks of notebook 05 are there."""
-    config = audit.Config(n_seeds=2, n_poses=12, jobs=1)
+    config = audit.Config(n_seeds=2, n_poses=8, jobs=1)
     to = report.Report("05_audit", tmp_path)
     gaussian = audit.run_gaussian_ess(config)
     audit.record(config, audit.run_sweep(config), audit.run_refined(config), gaussian, to)

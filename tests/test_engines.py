@@ -253,7 +253,7 @@ def test_trace_is_sorted_and_weights_sum_to_one():
 def test_the_full_pipeline_takes_every_engine(engine):
     """Gains of settled windows agree with the reference engine's to the noise of a mean."""
     config = full_sngr.Config(
-        p_levels=[0.0], p_diagnosed=0.0, p_noop=0.0, min_walks=50, engine=engine
+        p_levels=[0.0], p_diagnosed=0.0, p_noop=0.0, n_live=50, min_walks=50, engine=engine
     )  # fmt: skip
     level = full_sngr.run_level(config, 0.0)
     assert len(level.windows) > 0

@@ -186,10 +186,10 @@ def test_readme_block_is_written_between_its_markers(results, tmp_path, monkeypa
     monkeypatch.setattr(paths, "README", tmp_path / "README.md")
     blocks = f"{verdict_tables.BEGIN}\nold\n{verdict_tables.END}"
     paths.README.write_text(f"before\n{blocks}\nafter\n")
+    block = verdict_tables.readme_block(verdict_tables.judged(results))
     for _ in range(2):  # writing it again changes nothing
         verdict_tables.update_readme(results)
         text = paths.README.read_text()
-        block = verdict_tables.readme_block(verdict_tables.judged(results))
         assert text == f"before\n{block}\nafter\n"
     assert "| numbers, preset C (our reading) |" in block
     paths.README.write_text("no markers")
