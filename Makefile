@@ -39,6 +39,7 @@ SUBMAKE = $(MAKE) --no-print-directory
 help:
 	@echo 'make paper      everything, from nothing to paper/sngr.pdf (installs TeX if it may)'
 	@echo 'make test       tests, and the committed notebooks re-run and compared'
+	@echo 'make coverage   the unit tests, with the lines of the library they miss (90 % at least)'
 	@echo 'make results    the notebooks only: figures/ and build/results/ (needs no TeX)'
 	@echo 'make quick      the notebooks with the small params/quick, into build/quick'
 	@echo 'make run/NAME   one notebook, e.g. make run/01_bimodal'
@@ -113,6 +114,12 @@ pdf: setup
 test: check
 	@$(COMPILE)
 	@$(PY) -m pytest
+
+.PHONY: coverage
+coverage: check
+	@$(COMPILE)
+	@$(PY) -m pytest tests --cov=sngr_utils --cov-report=term-missing:skip-covered \
+	  --cov-fail-under=90
 
 lint: setup
 	@$(PY) -m ruff check . && $(PY) -m ruff format --check .
