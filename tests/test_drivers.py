@@ -33,8 +33,7 @@ def quick(module, name):
 
 @pytest.fixture(scope="module")
 def bimodal_result():
-    """Half the live points: the errors, measured and stated, both grow by the same root of two."""
-    return bimodal.run(bimodal.Config(n_repeats=20, n_live=50))
+    return bimodal.run(bimodal.Config(n_repeats=20))
 
 
 def test_saddle_log_likelihoods_in_both_conventions():
