@@ -1,9 +1,10 @@
 """The headless runner on a small project of its own: bad input, failure, freshness."""
 
-import logging
 import os
 import shutil
 import signal
+import subprocess
+import sys
 import time
 from contextlib import contextmanager
 
@@ -284,23 +285,19 @@ def test_quick_and_refresh(project):
     assert (project / f"notebooks/{NAME}.ipynb").read_bytes() == content
 
 
-def test_interrupt_leaves_with_a_message(monkeypatch, capfd):
+def test_interrupt_leaves_with_a_message():
     """SIGINT to a running command: a sentence, status 130, no traceback."""
-
-    def interrupted():
-        print("started", flush=True)
-        os.kill(os.getpid(), signal.SIGINT)
-        time.sleep(60)
-
-    monkeypatch.setattr(run, "check", interrupted)
-    monkeypatch.setattr(run, "_interrupted", [])
-    asyncio_log = logging.getLogger("asyncio")
-    monkeypatch.setattr(asyncio_log, "level", asyncio_log.level)
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        status = run.main(["check"])
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-    assert status == 130
-    assert capfd.readouterr() == ("started\n", "interrupted: published results are untouched\n")
+    code = (
+        "import sys, time; from sngr_utils import run;"
+        "run.check = lambda: (print('started', flush=True), time.sleep(60));"
+        "sys.exit(run.main(['check']))"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline() == "started\n"
+    time.sleep(0.2)
+    process.send_signal(signal.SIGINT)
+    _, message = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert message == "interrupted: published results are untouched\n"
