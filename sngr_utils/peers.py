@@ -39,7 +39,7 @@ class Config(ManyWorlds):
     """
 
     first_seed: Seed = 6000
-    n_seeds: Annotated[int, Field(ge=2)] = 20
+    n_seeds: Annotated[int, Field(ge=2)] = 15
     p_levels: Levels = [0.0, 0.2, 0.4]
     p_starts: Levels = [0.4]
     n_particles: Annotated[int, Field(ge=2)] = 300
