@@ -4,15 +4,26 @@
 """
 
 import gtsam
+import joblib
 import numpy as np
 
-from sngr_utils import compiled, contest, engines, estimators, graph, mirror, world
+from sngr_utils import compiled, contest, engines, estimators, graph, mirror, online, world
 from sngr_utils.chain import selected_inverse
 from sngr_utils.nested import SamplerSettings
 
 
 def compile_all() -> None:
-    """Call every compiled function with arguments of the types that it is used with."""
+    """Call every compiled function with arguments of the types that it is used with.
+
+    In two processes, whose parts share no function; then what needs both.
+    """
+    parts = (compile_samplers, compile_estimators)
+    joblib.Parallel(n_jobs=2)(joblib.delayed(part)() for part in parts)
+    online.run(_small(), graph.PRESETS["C"], online.Settings(), rng=np.random.default_rng(0))
+
+
+def compile_samplers() -> None:
+    """The samplers of windows and of small posteriors, and what they sample."""
     factors = compiled.flatten(gtsam.NonlinearFactorGraph(), gtsam.Values(), [], 1.0)._replace(
         points=np.zeros((1, 2)), counts=np.array([0, 1, 0, 0, 1, 0, 0]),
         of=np.zeros((1, 2), dtype=np.uint64), measured=np.array([[0.0] * 5 + [1.0, 1.0, 0.0]]),
@@ -21,16 +32,24 @@ def compile_all() -> None:
     for engine in ("dynesty-compiled", "nested", "fast"):
         engines.sample_factors(factors, np.eye(2), settings, engine, rng=np.random.default_rng(0))
     compiled.log_likelihoods(factors, np.zeros((1, 2)))
+    contest.compile_all()
+
+
+def compile_estimators() -> None:
+    """FastSLAM, the matchings of EM, the marginals of windows, and the mirror test."""
+    for method in ("fastslam", "em_exclusive"):
+        rng = np.random.default_rng(0)
+        estimators.estimate(_small(), graph.PRESETS["C"], method, "grid", rng=rng)
     selected_inverse(
         np.zeros((3, 3)), np.zeros((1, 2)), np.zeros((2, 3)), np.zeros(1, int), np.zeros(1, int),
         x0_mean=np.zeros(3), x0_sigmas=np.ones(3), odometry_sigmas=np.ones(3),
         landmark_prior_sigma=1.0, range_sigma=1.0,
     )  # fmt: skip
     mirror.mirror_test(np.zeros((1, 2)), np.ones(1), np.ones(1), np.ones(2))
-    contest.compile_all()
-    small = world.simulate(world.Scenario(n_poses=12), 0.2, rng=np.random.default_rng(0))
-    for method in ("fastslam", "em_exclusive"):
-        estimators.estimate(small, graph.PRESETS["C"], method, "grid", rng=np.random.default_rng(0))
+
+
+def _small() -> world.World:
+    return world.simulate(world.Scenario(n_poses=12), 0.2, rng=np.random.default_rng(0))
 
 
 if __name__ == "__main__":
