@@ -12,11 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sngr_utils.jit import compile_once
 from sngr_utils.landmark_target import Landmark
 from sngr_utils.metrics import effective_sample_size
-from sngr_utils.window_target import Window
+from sngr_utils.window_target import Window, place, range_term
 
 N_RADII, N_ANGLES = 40, 720  # cells of the polar grid
+EMPTY = 1e-14  # mass of a cell that is left out
 REACH = 7.0  # standard deviations of the first range that the grid covers to either side
 
 
@@ -52,6 +54,10 @@ class Reference:
         """(n,) posterior mass of each of n classes of points, from (N,) int labels"""
         return np.bincount(labels, self.weights, minlength=n)
 
+    def mass_error(self, labels: np.ndarray, n: int) -> float:
+        """Largest error of these masses, from the spread of the parts."""
+        return max(self.mean((labels == one).astype(float))[1] for one in range(n))
+
     def divergence(self, log_other: Callable[[np.ndarray], np.ndarray]) -> tuple[float, float]:
         """KL(posterior || other), [nats], and its error; `log_other` of (N, d) points."""
         return self.mean(self.log_density - log_other(self.points))
@@ -80,30 +86,42 @@ def landmark_reference(
     for name, n in (("n_radii", n_radii), ("n_angles", n_angles)):
         if n < 4 or n % 2:
             raise ValueError(f"{name} is {n}: it must be even and at least 4")
+    points, areas = polar_grid(target, n_radii, n_angles)
+    log_density = target(points)
+    log_cells = log_density + np.log(areas)
+    i, j = np.indices((n_radii, n_angles))
+    part = (2 * (i % 2) + j % 2).ravel()
+    top = log_cells.max()
+    cells = np.exp(log_cells - top)
+    log_evidence = float(top + np.log(cells.sum()))
+    error = float(np.std(np.log(4 * np.bincount(part, cells)), ddof=1) / 2)
+    kept = cells > EMPTY * cells.sum()
+    return Reference(points[kept], cells[kept] / cells[kept].sum(),
+                     log_density[kept] - log_evidence, part[kept], log_evidence, error)  # fmt: skip
+
+
+def polar_grid(target: Landmark, n_radii: int, n_angles: int) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 2) centres [m] and (N,) areas [m^2] of N = n_radii n_angles cells, radius by radius."""
     reach, distance = REACH * target.first_sigma, float(target.ranges[0])
     edges = np.linspace(max(0.0, distance - reach), distance + reach, n_radii + 1)
     radii, step = 0.5 * (edges[1:] + edges[:-1]), edges[1] - edges[0]
     angles = 2 * np.pi * np.arange(n_angles) / n_angles
     radius, angle = (axis.ravel() for axis in np.meshgrid(radii, angles, indexing="ij"))
     points = target.positions[0] + np.column_stack([np.cos(angle), np.sin(angle)]) * radius[:, None]
-    log_density = target(points)
-    log_cells = log_density + np.log(radius * step * 2 * np.pi / n_angles)
-    i, j = np.indices((n_radii, n_angles))
-    part = (2 * (i % 2) + j % 2).ravel()
-    halves = [np.logaddexp.reduce(log_cells[part == q]) + math.log(4) for q in range(4)]
-    log_evidence = float(np.logaddexp.reduce(log_cells))
-    error = float(np.std(halves, ddof=1) / 2)
-    return Reference(points, np.exp(log_cells - log_evidence), log_density - log_evidence, part,
-                     log_evidence, error)  # fmt: skip
+    return points, radius * step * 2 * np.pi / n_angles
 
 
 def window_reference(
-    target: Window, n: int, filters: int = 10, *, rng: np.random.Generator
+    target: Window, n: int, kept: int | None = None, filters: int = 10, *, rng: np.random.Generator
 ) -> Reference:
     """Particle filters along the chain of a window, each with n particles.
 
     A filter's estimate of the evidence is unbiased, whatever the posterior's shape: the root
     draws cover every place that the prior of the chain allows.
+
+    Parameters
+    ----------
+    kept : of a filter's particles at the end; all if None
 
     Raises
     ------
@@ -113,28 +131,45 @@ def window_reference(
     """
     if target.unknown:
         raise ValueError("target has an unknown landmark: the filters draw poses only")
-    runs = [_filter(target, n, rng) for _ in range(filters)]
+    kept = kept or n
+    runs = [
+        _filter(
+            n, kept, target.x0_mean, target.x0_sigmas, target.odometry, target.odometry_sigmas,
+            target.pose_of, target.ranges, target.log_shares, target.landmarks, target.range_sigma,
+            rng,
+        ) for _ in range(filters)
+    ]  # fmt: skip
     evidences = np.array([log_evidence for _, log_evidence in runs])
     log_evidence = float(np.logaddexp.reduce(evidences) - math.log(filters))
     shares = np.exp(evidences - log_evidence)
     points = np.concatenate([noises for noises, _ in runs])
-    part = np.repeat(np.arange(filters), n)
-    return Reference(points, shares[part] / (filters * n), target(points) - log_evidence, part,
+    part = np.repeat(np.arange(filters), kept)
+    return Reference(points, shares[part] / (filters * kept), target(points) - log_evidence, part,
                      log_evidence, float(shares.std(ddof=1) / math.sqrt(filters)))  # fmt: skip
 
 
-def _filter(target: Window, n: int, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """(n, d) equally weighted draws of the noises, and the log of the evidence estimate."""
-    noises, log_evidence = np.zeros((n, target.dimension)), 0.0
-    for t in range(target.dimension // 3):
-        noises[:, 3 * t : 3 * t + 3] = rng.standard_normal((n, 3))
-        log_weights = target.log_likelihoods(noises, t, t + 1)
-        total = np.logaddexp.reduce(log_weights)
-        log_evidence += total - math.log(n)
-        steps = np.cumsum(np.exp(log_weights - total))
-        drawn = np.searchsorted(steps, (np.arange(n) + rng.random()) / n * steps[-1])
+@compile_once
+def _filter(n, kept, x0_mean, x0_sigmas, odometry, sigmas, pose_of, ranges, log_shares, landmarks,
+            range_sigma, rng):  # fmt: skip
+    """(kept, d) equally weighted draws of the noises, and the log of the evidence estimate."""
+    poses = len(odometry) + 1
+    noises, log_evidence = np.zeros((n, 3 * poses)), 0.0
+    where, log_weights = np.empty((poses, 2)), np.empty(n)
+    for t in range(poses):
+        for k in range(n):
+            for i in range(3 * t, 3 * t + 3):
+                noises[k, i] = rng.standard_normal()
+            place(noises[k], x0_mean, x0_sigmas, odometry[:t], sigmas, where)
+            log_weights[k] = range_term(
+                where, landmarks, pose_of, ranges, log_shares, range_sigma, t, t + 1, -math.inf
+            )
+        top = log_weights.max()
+        steps = np.cumsum(np.exp(log_weights - top))
+        log_evidence += top + math.log(steps[-1] / n)
+        out = n if t < poses - 1 else kept
+        drawn = np.searchsorted(steps, (np.arange(out) + rng.random()) / out * steps[-1])
         noises = noises[np.minimum(drawn, n - 1)]
-    return noises, float(log_evidence)
+    return noises, log_evidence
 
 
 @dataclass(frozen=True)

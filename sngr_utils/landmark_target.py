@@ -69,6 +69,11 @@ class Landmark:
     prior_sigma: float
     dimension = 2
 
+    @property
+    def root(self) -> tuple[np.ndarray, np.ndarray]:
+        """(2,) mean and (2, 2) lower factor of the Gaussian that the target holds as a factor."""
+        return self.centre, self.prior_sigma * np.eye(2)
+
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """(N,) log of prior times likelihood at (N, 2) places, [nats].
 
@@ -160,7 +165,9 @@ def predicted_positions(
     )
     flat = reached.reshape(len(steps), -1)
     jacobian = (flat[1:] - flat[0]) / STEP
-    return dead_reckoning(world.x0_mean, world.odometry[: n - 1])[:, :2], jacobian.T @ jacobian
+    # Contiguous, or every compiled function that takes them is compiled a second time.
+    means = np.ascontiguousarray(dead_reckoning(world.x0_mean, world.odometry[: n - 1])[:, :2])
+    return means, jacobian.T @ jacobian
 
 
 # --- compiled -------------------------------------------------------------------------------

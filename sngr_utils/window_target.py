@@ -18,6 +18,7 @@ from sngr_utils.jit import compile_once
 from sngr_utils.world import World
 
 LOG_TAU = math.log(2 * math.pi)
+NOTHING = 40.0  # nats below the largest term of a sum: less than its rounding error
 
 
 class WindowFactors(NamedTuple):
@@ -86,6 +87,11 @@ class Window:
     @property
     def dimension(self) -> int:
         return self.n_noises + 2 * self.unknown
+
+    @property
+    def root(self) -> tuple[np.ndarray, np.ndarray]:
+        """(d,) mean and (d, d) lower factor of the Gaussian that the target holds as a factor."""
+        return np.zeros(self.dimension), np.eye(self.dimension)
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """(N,) log of prior times likelihood at (N, d) points, [nats]"""
@@ -168,12 +174,12 @@ def window_of(world: World, x0_sigmas: list[float], p: float, n_ranges: int) -> 
 @overload(evaluate)
 def _evaluate_window(factors, x, poses, points, limit):
     if getattr(factors, "instance_class", None) is WindowFactors:
-        return lambda factors, x, poses, points, limit: _window_energy(factors, x, poses)
+        return lambda factors, x, poses, points, limit: _window_energy(factors, x, poses, limit)
     return None
 
 
 @compile_once
-def _place(noises, x0_mean, x0_sigmas, odometry, sigmas, out):
+def place(noises, x0_mean, x0_sigmas, odometry, sigmas, out):
     """(n, 2) positions of `world.dead_reckoning` with every motion disturbed, into `out`."""
     x, y, theta = x0_mean[0], x0_mean[1], x0_mean[2]
     for t in range(len(odometry) + 1):
@@ -195,55 +201,71 @@ def chain_positions(noises, x0_mean, x0_sigmas, odometry, sigmas):
     """(N, n, 2) positions that (N, 3n) noises lead to."""
     out = np.empty((len(noises), len(odometry) + 1, 2))
     for k in range(len(noises)):
-        _place(noises[k], x0_mean, x0_sigmas, odometry, sigmas, out[k])
+        place(noises[k], x0_mean, x0_sigmas, odometry, sigmas, out[k])
     return out
 
 
 @compile_once
-def _range_term(where, points, pose_of, ranges, log_shares, sigma, first, stop):
-    """Log-likelihood of the ranges of the poses first ... stop - 1, mixtures over the points."""
-    total = 0.0
+def range_term(where, points, pose_of, ranges, log_shares, sigma, first, stop, floor):
+    """Log-likelihood of the ranges of the poses first ... stop - 1, mixtures over the points.
+
+    -inf as soon as it must end below `floor`: a mixture's density never exceeds its Gaussians'
+    largest.
+    """
+    total, best, left = 0.0, -math.log(sigma) - 0.5 * math.log(2 * math.pi), len(ranges)
+    distances, at, scale = np.empty(len(points)), -1, 1 / sigma
     for m in range(len(ranges)):
         t = pose_of[m]
+        left -= 1
         if t < first or t >= stop:
             continue
+        if t != at:
+            at = t
+            for j in range(len(points)):
+                dx, dy = where[t, 0] - points[j, 0], where[t, 1] - points[j, 1]
+                distances[j] = math.sqrt(dx * dx + dy * dy)
         top, summed = -math.inf, 0.0  # of the terms so far: the largest, and the sum over it
         for j in range(len(points)):
-            if log_shares[m, j] == -math.inf:
-                continue
-            dx, dy = where[t, 0] - points[j, 0], where[t, 1] - points[j, 1]
-            error = (math.sqrt(dx * dx + dy * dy) - ranges[m]) / sigma
+            error = (distances[j] - ranges[m]) * scale
             term = log_shares[m, j] - 0.5 * error * error
-            if term > top:
+            if term > top + NOTHING:
+                top, summed = term, 1.0
+            elif term > top:
                 top, summed = term, summed * math.exp(top - term) + 1.0
-            else:
+            elif term > top - NOTHING:
                 summed += math.exp(term - top)
-        total += top + math.log(summed) - math.log(sigma) - 0.5 * math.log(2 * math.pi)
+        total += top + math.log(summed) + best
+        if total + left * max(best, 0.0) < floor:
+            return -math.inf
     return total
 
 
 @compile_once
-def _window_energy(f, offset, where):
-    """Minus the log of the target over the prior, [nats]."""
+def _window_energy(f, offset, where, limit):
+    """Minus the log of the target over the prior, [nats]; inf once it must exceed `limit`."""
     d, noises, half = len(offset), np.empty(len(offset)), 0.0
     for i in range(d):
         noises[i] = f.mean[i] + offset[i]
-        half += 0.5 * noises[i] * noises[i]
+        pull = 0.0
         for j in range(d):
-            half -= 0.5 * offset[i] * f.precision[i, j] * offset[j]
-    _place(noises, f.x0_mean, f.x0_sigmas, f.odometry, f.sigmas, where)
-    ranges = _range_term(
-        where, f.points, f.pose_of, f.ranges, f.log_shares, f.range_sigma, 0, len(where)
-    )
-    return half - ranges - f.log_constant
+            pull += f.precision[i, j] * offset[j]
+        half += 0.5 * (noises[i] * noises[i] - offset[i] * pull)
+    half -= f.log_constant
+    place(noises, f.x0_mean, f.x0_sigmas, f.odometry, f.sigmas, where)
+    return half - range_term(
+        where, f.points, f.pose_of, f.ranges, f.log_shares, f.range_sigma, 0, len(where),
+        half - limit,
+    )  # fmt: skip
 
 
 @compile_once
 def _ranges(where, found, pose_of, ranges, log_shares, landmarks, sigma, first, stop):
-    """(N,) `_range_term`, landmark 0 at (N, 2) places found where there are such."""
+    """(N,) `range_term`, landmark 0 at (N, 2) places found where there are such."""
     out, points = np.empty(len(where)), landmarks.copy()
     for k in range(len(where)):
         if found.shape[1] > 0:
             points[0] = found[k]
-        out[k] = _range_term(where[k], points, pose_of, ranges, log_shares, sigma, first, stop)
+        out[k] = range_term(
+            where[k], points, pose_of, ranges, log_shares, sigma, first, stop, -math.inf
+        )
     return out
