@@ -23,10 +23,11 @@ what stands above it in this list:
 `laplace`         one window as one Gaussian, with the full Hessian
 `window_target`   posterior of a window whose ranges may belong to any landmark
 `landmark_target` posterior of a landmark in the plane, its poses integrated out
-`many_starts`     their modes by optimisation, and importance sampling about them
+`many_starts`     their modes by optimisation
+`adaptive`        importance sampling about them, the mixture fitted to its own draws
 `brute_force`     their references by quadrature and by particle filters
 `ancestral`       nested sampling inside a Gaussian, a ring or a spanning tree
-`contest`         five methods on one small posterior, against its reference
+`contest`         six methods on one small posterior, against its reference
 `posterior`       a window's posterior under all factors, each counted once
 `engines`         the four ways to sample a window, behind one call
 `refine`          the paper's algorithm and its trigger-only baseline

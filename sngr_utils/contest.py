@@ -1,25 +1,29 @@
-"""Five methods on one small posterior, and their errors against a reference.
+"""Six methods on one small posterior, and their errors against a reference.
 
-One Gaussian at the MAP (Laplace), nested sampling inside N(MAP, c Sigma) with the paper's two c,
-nested sampling inside the ancestral prior, and optimisation from many starts with importance
-sampling. All are told the same target; they differ in where they look.
+One Gaussian at the MAP (Laplace), nested sampling inside N(MAP, c Sigma) with the paper's two c and
+inside the ancestral prior, all with equally many live points; importance sampling about the places
+that the ancestral run has found; and the same about those of optimisation from many starts. All are
+told the same target; they differ in where they look.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
-from sngr_utils import ancestral, brute_force, many_starts
+from sngr_utils import adaptive, ancestral, brute_force, many_starts
 from sngr_utils.landmark_target import Landmark
 from sngr_utils.many_starts import Modes
 from sngr_utils.nested import NestedRun, SamplerSettings
 from sngr_utils.window_target import Window
 
-METHODS = ("one Gaussian", "c = 1", "c = 50", "ancestral", "many starts")
+METHODS = ("one Gaussian", "c = 1", "c = 50", "ancestral", "ancestral, reweighted", "many starts")
 SCALES = {"c = 1": 1.0, "c = 50": 50.0}  # of the Gaussian priors, the paper's
 PLANE_WALKS, WINDOW_WALKS = 25, 50  # steps; shorter walks bias the evidence
-EVIDENCE_ERROR = 0.1  # nats, largest of a reference
-N_STARTS, PLANE_DRAWS, WINDOW_DRAWS = 32, 4_000, 20_000
+EVIDENCE_ERROR, MASS_ERROR = 0.1, 0.01  # [nats] and of a mode, largest of a reference
+N_STARTS = 100  # of the methods, in a window
+TRUTH_STARTS = 16  # from the prior, and from the posterior, for the modes of the reference
+PLANE_DRAWS, WINDOW_DRAWS = 4_000, 10_000  # in a round
 
 
 def plane_runs(
@@ -53,8 +57,21 @@ def _runs(target, modes, priors, settings, draws, rng) -> dict[str, NestedRun]:
     return {
         "one Gaussian": many_starts.laplace_draws(modes, PLANE_DRAWS, rng=rng),
         **nested,
-        "many starts": many_starts.mixture_draws(target, modes, draws, rng=rng),
+        "ancestral, reweighted": _reweighted(target, nested["ancestral"], draws, rng),
+        "many starts": adaptive.draws(target, modes, draws, rng=rng),
     }
+
+
+def _reweighted(target, run, draws, rng) -> NestedRun:
+    """Importance sampling about the places that a run's draws climb to.
+
+    Live points drift between places that are far apart, and the masses of nested sampling with
+    them. Importance weights know nothing of that: the run need only have found every place.
+    """
+    starts = run.samples[rng.choice(len(run.samples), N_STARTS // 2, p=run.weights)]
+    modes = many_starts.find_modes(target, starts)
+    again = adaptive.draws(target, modes, draws, rng=rng)
+    return replace(again, calls=again.calls + run.calls)
 
 
 def window_truth(
@@ -62,16 +79,19 @@ def window_truth(
 ) -> tuple[brute_force.Reference, Modes]:
     """A window's reference and its modes, from starts drawn from prior and posterior alike.
 
-    Four times as many particles, and again, where the evidence is not known to `EVIDENCE_ERROR`.
+    Four times as many particles, and again, until evidence and masses are known to
+    `EVIDENCE_ERROR` and `MASS_ERROR`; 64 times as many at most.
     """
-    reference = brute_force.window_reference(target, n_particles, rng=rng)
-    for more in (4, 16):
-        if reference.log_evidence_error > EVIDENCE_ERROR:
-            reference = brute_force.window_reference(target, more * n_particles, rng=rng)
-    half = N_STARTS // 2
-    drawn = reference.points[rng.choice(len(reference.points), half, p=reference.weights)]
-    starts = np.concatenate([ancestral.tree(target).draw(half, rng=rng), drawn])
-    return reference, many_starts.find_modes(target, starts)
+    for more in (1, 4, 16, 64):
+        reference = brute_force.window_reference(target, more * n_particles, n_particles, rng=rng)
+        chosen = rng.choice(len(reference.points), TRUTH_STARTS, p=reference.weights)
+        drawn = ancestral.tree(target).draw(TRUTH_STARTS, rng=rng)
+        starts = np.concatenate([drawn, reference.points[chosen]])
+        modes = many_starts.find_modes(target, starts)
+        error = reference.mass_error(modes.label(reference.points), len(modes.places))
+        if reference.log_evidence_error <= EVIDENCE_ERROR and error <= MASS_ERROR:
+            break
+    return reference, modes
 
 
 def judge(
@@ -105,8 +125,12 @@ def compile_all() -> None:
         np.zeros(3), np.ones(3), np.zeros((0, 3)), np.ones(3), np.zeros(1, int), np.ones(1),
         np.zeros((1, 1)), np.zeros((1, 2)), 1.0,
     )  # fmt: skip
-    ancestral.sample(window, ancestral.tree(window), settings, rng=rng)
+    landmark = Landmark(
+        np.array([[0.0, 0.0], [1.0, 0.0]]), np.zeros((4, 4)), np.ones(2), 1.0, np.zeros(2), 1.0
+    )  # fmt: skip
     brute_force.window_reference(window, 10, rng=rng)
-    landmark = Landmark(np.zeros((1, 2)), np.zeros((2, 2)), np.ones(1), 1.0, np.zeros(2), 1.0)
-    ancestral.sample(landmark, ancestral.ring(landmark), settings, rng=rng)
     brute_force.landmark_reference(landmark, 4, 4)
+    for target, prior in ((window, ancestral.tree(window)), (landmark, ancestral.ring(landmark))):
+        ancestral.sample(target, prior, settings, rng=rng)
+        modes = many_starts.find_modes(target, rng.standard_normal((9, target.dimension)))
+        adaptive.draws(target, modes, 100, rng=rng)

@@ -1,29 +1,25 @@
-"""The modes of any small posterior by optimisation from many starts, and what one can do with them.
+"""The modes of a small posterior by optimisation from many starts.
 
-`importance` does the same, compiled, for windows whose factors are GTSAM's; here the posterior is
-any function of many points at once (`landmark_target`,
-`window_target`).
+`importance` does the same for windows whose factors are GTSAM's; here the posterior is that of
+`landmark_target` or `window_target`.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
-from scipy.stats import multivariate_t
 
-from sngr_utils.importance import DEGREES, SAME_MODE
+from sngr_utils.compiled_nested import energy_at
+from sngr_utils.importance import SAME_MODE
+from sngr_utils.jit import compile_once
 from sngr_utils.landmark_target import Landmark
 from sngr_utils.laplace import derivatives
 from sngr_utils.nested import NestedRun
-from sngr_utils.window_target import LOG_TAU
+from sngr_utils.window_target import LOG_TAU, Window
 
-LEAST_SHARE = 0.02  # of the draws that each mode gets, however light
 STEP = 1e-4  # of the differences
-MIN_DRAWS = 20  # of a mode
+MAX_STEPS, FLAT = 200, 1e-3  # of an ascent, and the slope at which it ends
+LONGEST, SHORTEST = 2.0, 1e-10  # step
 N_RING = 16  # starts around a ring
-
-Target = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -51,15 +47,19 @@ class Modes:
 
     def log_gaussian(self, mode: int, points: np.ndarray) -> np.ndarray:
         """(N,) log density of one mode's Gaussian at (N, d) points, [nats]"""
-        spread = np.linalg.cholesky(self.covariances[mode])
-        away = (points - self.places[mode]) @ np.linalg.inv(spread).T
-        constant = 0.5 * len(spread) * LOG_TAU + np.log(np.diag(spread)).sum()
-        return -0.5 * np.sum(away**2, axis=1) - constant
+        only = slice(mode, mode + 1)
+        away = distances(points, self.places[only], inverse_factors(self.covariances[only]))[:, 0]
+        return self.heights[mode] - self.log_masses[mode] - 0.5 * away
 
     def label(self, points: np.ndarray) -> np.ndarray:
         """(N,) int: the mode that most likely made each of (N, d) points, all being Gaussian."""
-        each = [mass + self.log_gaussian(m, points) for m, mass in enumerate(self.log_masses)]
-        return np.argmax(each, axis=0)
+        away = distances(points, self.places, inverse_factors(self.covariances))
+        return np.argmax(self.heights - 0.5 * away, axis=1)
+
+
+def inverse_factors(covariances: np.ndarray) -> np.ndarray:
+    """(K, d, d) lower-triangular inverses of the Cholesky factors of (K, d, d) covariances"""
+    return np.linalg.inv(np.linalg.cholesky(covariances))
 
 
 def ring_starts(target: Landmark) -> np.ndarray:
@@ -69,36 +69,83 @@ def ring_starts(target: Landmark) -> np.ndarray:
     return target.positions[0] + ring
 
 
-def find_modes(target: Target, starts: np.ndarray) -> Modes:
+def find_modes(target: Landmark | Window, starts: np.ndarray) -> Modes:
     """Quasi-Newton ascent from each of (N, d) starts; saddles and repetitions are left out.
 
     Raises
     ------
     ValueError : no start ended at a maximum
     """
-    d, calls = starts.shape[1], 0
-    offsets = STEP * np.vstack([np.zeros(d), np.eye(d), -np.eye(d)])
+    d, (mean, lower) = starts.shape[1], target.root
+    ends, calls = _ascend(target.over(mean, lower), starts - mean)
     found: list[tuple[float, np.ndarray, np.ndarray]] = []
-
-    def descent(point):
-        values = -target(point + offsets)
-        return values[0], (values[1 : d + 1] - values[d + 1 :]) / (2 * STEP)
-
-    for start in starts:
-        end = minimize(descent, start, jac=True, method="BFGS", options={"gtol": 1e-3})
-        calls += end.nfev * len(offsets)
-        if any(_apart(end.x, place, covariance) < SAME_MODE for _, place, covariance in found):
+    for end in ends + mean:
+        if any(_apart(end, place, covariance) < SAME_MODE for _, place, covariance in found):
             continue
-        _, _, hessian = derivatives(target, end.x, STEP * np.eye(d))
+        height, _, hessian = derivatives(target, end, STEP * np.eye(d))
         calls += 2 * d * (d + 3)
         hessian /= STEP**2
         if np.linalg.eigvalsh(hessian)[0] > 0:
-            found.append((-end.fun, end.x, np.linalg.inv(hessian)))
+            found.append((height, end, np.linalg.inv(hessian)))
     if not found:
         raise ValueError(f"none of {len(starts)} starts ended at a maximum")
     found.sort(key=lambda mode: -mode[0])
     heights, places, covariances = (np.array(part) for part in zip(*found, strict=True))
     return Modes(places, covariances, heights, calls)
+
+
+@compile_once
+def _ascend(factors, starts):
+    """(N, d) ends of BFGS with halved steps from (N, d) offsets, and the calls it took.
+
+    Source: Nocedal & Wright, Numerical Optimization, 2006, algorithm 6.1.
+    """
+    ends, calls, (n, d) = starts.copy(), 0, starts.shape
+    for k in range(n):
+        x, inverse = ends[k], np.eye(d)
+        value, slope = _value_and_slope(factors, x)
+        calls += 2 * d + 1
+        for _ in range(MAX_STEPS):
+            if np.abs(slope).max() < FLAT:
+                break
+            step = -inverse @ slope
+            if step @ slope >= 0:
+                inverse, step = np.eye(d), -slope
+            step *= min(1.0, LONGEST / np.sqrt(step @ step))
+            there, calls = _energy(factors, x + step), calls + 1
+            while not there < value + 1e-4 * (step @ slope) and np.abs(step).max() > SHORTEST:
+                step *= 0.5
+                there, calls = _energy(factors, x + step), calls + 1
+            if not there < value:
+                break
+            x += step
+            value, new_slope = _value_and_slope(factors, x)
+            calls += 2 * d + 1
+            change, slope = new_slope - slope, new_slope
+            along = step @ change
+            if along > 1e-12:
+                left = np.eye(d) - np.outer(step, change) / along
+                inverse = left @ inverse @ left.T + np.outer(step, step) / along
+    return ends, calls
+
+
+@compile_once
+def _energy(factors, x):
+    """Minus the log target at the offset x from the mean of its root, but for a constant."""
+    return energy_at(factors, x) + 0.5 * (x @ factors.precision @ x)
+
+
+@compile_once
+def _value_and_slope(factors, x):
+    """`_energy` and its (d,) gradient by central differences."""
+    slope, at = np.empty(len(x)), x.copy()
+    for i in range(len(x)):
+        at[i] = x[i] + STEP
+        up = _energy(factors, at)
+        at[i] = x[i] - STEP
+        slope[i] = (up - _energy(factors, at)) / (2 * STEP)
+        at[i] = x[i]
+    return _energy(factors, x), slope
 
 
 def _apart(point: np.ndarray, place: np.ndarray, covariance: np.ndarray) -> float:
@@ -115,26 +162,17 @@ def laplace_draws(modes: Modes, n: int, *, rng: np.random.Generator) -> NestedRu
                      float(modes.log_masses[0]), float("nan"), modes.calls)  # fmt: skip
 
 
-def mixture_draws(target: Target, modes: Modes, n: int, *, rng: np.random.Generator) -> NestedRun:
-    """About n importance samples from a mixture of Student t laws, one at each mode.
-
-    Source: Owen & Zhou, JASA 95 (2000) 135 (deterministic mixtures).
-    """
-    shares = np.exp(modes.log_masses - modes.log_masses.max())
-    shares = np.maximum(shares / shares.sum(), LEAST_SHARE)
-    counts = np.maximum(MIN_DRAWS, (n * shares / shares.sum()).astype(int))
-    laws = [
-        multivariate_t(place, covariance, df=DEGREES)
-        for place, covariance in zip(modes.places, modes.covariances, strict=True)
-    ]
-    draws = [law.rvs(count, random_state=rng) for law, count in zip(laws, counts, strict=True)]
-    points, total = np.concatenate(draws), counts.sum()
-    proposal = np.logaddexp.reduce([
-        np.log(c / total) + law.logpdf(points) for c, law in zip(counts, laws, strict=True)
-    ])
-    values = target(points)
-    log_evidence = np.logaddexp.reduce(values - proposal) - np.log(total)
-    weights = np.exp(values - proposal - log_evidence) / total
-    error = float(np.sqrt(total * np.var(weights)))
-    return NestedRun(points, weights, values, float(log_evidence), error,
-                     modes.calls + int(total))  # fmt: skip
+@compile_once
+def distances(points, places, inverses):
+    """(N, K) squared norms of lower-triangular inverses times offsets from the places."""
+    (n, d), out = points.shape, np.zeros((len(points), len(places)))
+    offset = np.empty(d)
+    for k in range(n):
+        for c in range(len(places)):
+            for i in range(d):
+                offset[i] = points[k, i] - places[c, i]
+                total = 0.0
+                for j in range(i + 1):
+                    total += inverses[c, i, j] * offset[j]
+                out[k, c] += total * total
+    return out

@@ -78,5 +78,5 @@ def draw_mass_errors(
                     color=COLOURS[i], label=case if k == 0 else None)  # fmt: skip
     ax.axhline(target, color=style.TRUTH, lw=0.6, ls=":")
     ax.set(yscale="log", ylabel="largest error of a mode's mass", xticks=range(len(methods)),
-           xticklabels=methods)  # fmt: skip
+           xticklabels=[method.replace(" ", "\n") for method in methods])  # fmt: skip
     legend_above(ax, 2)

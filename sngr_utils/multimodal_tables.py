@@ -161,9 +161,8 @@ def record(
             to.value(f"{here}.{name}", getattr(row, name), ".0f", n=total, within=4)
         for name in ("auc", "auc_within"):
             to.value(f"{here}.{name}", getattr(row, name), n=total, within=0.05)
-    names = dict(
-        zip(contest.METHODS, ("gaussian", "c1", "c50", "ancestral", "starts"), strict=True)
-    )
+    short = ("gaussian", "c1", "c50", "ancestral", "reweighted", "starts")
+    names = dict(zip(contest.METHODS, short, strict=True))
     for (case, method), rows in runs.groupby(["case", "method"], sort=False):
         here = f"multimodal.{case.replace(', from the ', '_').replace(' ', '_')}.{names[method]}"
         errors = rows["mass_error"]

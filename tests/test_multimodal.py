@@ -4,8 +4,9 @@ import joblib
 import numpy as np
 import pandas as pd
 import pytest
+from test_warm_up import signatures
 
-from sngr_utils import contest, multimodal
+from sngr_utils import contest, mirror, multimodal
 from sngr_utils import multimodal_tables as tables
 
 QUICK = multimodal.Config(
@@ -54,6 +55,17 @@ def test_results_do_not_depend_on_the_number_of_workers(landmarks):
     with joblib.parallel_config(backend="threading"):
         again = multimodal.run_landmarks(QUICK.model_copy(update={"jobs": 2}))
     pd.testing.assert_frame_equal(landmarks, again)
+
+
+def test_a_study_needs_nothing_more_compiled():
+    contest.compile_all()
+    mirror.mirror_test(np.zeros((1, 2)), np.ones(1), np.ones(1), np.ones(2))
+    before = signatures()
+    config = QUICK.model_copy(update={"poses_seen": [2], "n_particles": 100})
+    multimodal.view(config, 0, 1)
+    for run in (multimodal.run_landmarks, multimodal.run_windows, multimodal.run_samplers):
+        run(config)
+    assert signatures() == before
 
 
 def test_the_window_score_is_that_of_the_poses():
