@@ -75,12 +75,12 @@ def _reweighted(target, run, draws, rng) -> NestedRun:
 
 
 def window_truth(
-    target: Window, n_particles: int, *, rng: np.random.Generator
+    target: Window, n_particles: int, mass_error: float = MASS_ERROR, *, rng: np.random.Generator
 ) -> tuple[brute_force.Reference, Modes]:
     """A window's reference and its modes, from starts drawn from prior and posterior alike.
 
     Four times as many particles, and again, until evidence and masses are known to
-    `EVIDENCE_ERROR` and `MASS_ERROR`; 64 times as many at most.
+    `EVIDENCE_ERROR` and `mass_error`; 64 times as many at most.
     """
     for more in (1, 4, 16, 64):
         reference = brute_force.window_reference(target, more * n_particles, n_particles, rng=rng)
@@ -89,7 +89,7 @@ def window_truth(
         starts = np.concatenate([drawn, reference.points[chosen]])
         modes = many_starts.find_modes(target, starts)
         error = reference.mass_error(modes.label(reference.points), len(modes.places))
-        if reference.log_evidence_error <= EVIDENCE_ERROR and error <= MASS_ERROR:
+        if reference.log_evidence_error <= EVIDENCE_ERROR and error <= mass_error:
             break
     return reference, modes
 
