@@ -61,24 +61,28 @@ def run(setup, state, odometry, pose_of, label_of, ranges, rng):
     """Fill `state`, whose particles stand at the first pose, from all odometry and ranges."""
     n_particles, n_poses, _ = state.paths.shape
     started = np.zeros(state.means.shape[1], np.bool_)
+    seen_from = np.empty((len(started), len(ranges)), np.int64)  # of a landmark that waits
+    seen_at = np.empty((len(started), len(ranges)))
+    seen, distinct = np.zeros(len(started), np.int64), np.zeros(len(started), np.int64)
     m = 0
     for t in range(n_poses):
         if t > 0:
             move(setup, state.paths, t, odometry[t - 1], rng)
-        first = m
         while m < len(ranges) and pose_of[m] == t:
-            if started[label_of[m]]:
+            k = label_of[m]
+            if started[k]:
                 for n in range(n_particles):
-                    credit(setup, state, started, n, t, label_of[m], ranges[m], rng)
+                    credit(setup, state, started, n, t, k, ranges[m], rng)
+            else:
+                distinct[k] += seen[k] == 0 or seen_from[k, seen[k] - 1] < t
+                seen_from[k, seen[k]], seen_at[k, seen[k]] = t, ranges[m]
+                seen[k] += 1
             m += 1
         for k in range(len(started)):
-            if started[k] or not (label_of[first:m] == k).any():
-                continue
-            mine = np.flatnonzero(label_of[:m] == k)
-            if len(np.unique(pose_of[mine])) >= setup.start_after:
+            if not started[k] and distinct[k] >= setup.start_after:
                 started[k] = True
                 for n in range(n_particles):
-                    start(setup, state, n, k, pose_of[mine], ranges[mine])
+                    start(setup, state, n, k, seen_from[k, : seen[k]], seen_at[k, : seen[k]])
         resample(setup, state, rng)
 
 
@@ -217,13 +221,22 @@ def resample(setup, state, rng):
     weights /= weights.sum()
     if 1 / (weights**2).sum() >= setup.enough:
         return
-    chosen = systematic(weights, rng.random())
-    state.paths[:] = state.paths[chosen]
-    state.means[:] = state.means[chosen]
-    state.covariances[:] = state.covariances[chosen]
-    state.shares[:] = state.shares[chosen]
-    state.counts[:] = state.counts[chosen]
+    chosen, n = systematic(weights, rng.random()), len(weights)
+    take(state.paths.reshape((n, -1)), chosen)
+    take(state.means.reshape((n, -1)), chosen)
+    take(state.covariances.reshape((n, -1)), chosen)
+    take(state.shares.reshape((n, -1)), chosen)
+    take(state.counts, chosen)
     state.log_weights[:] = 0.0
+
+
+@compile_once
+def take(rows, chosen):
+    """Put the (N,) chosen ones of (N, D) rows in their place."""
+    kept = rows.copy()
+    for i in range(len(chosen)):
+        for j in range(rows.shape[1]):
+            rows[i, j] = kept[chosen[i], j]
 
 
 @compile_once

@@ -12,31 +12,25 @@ from sngr_utils.chain import selected_inverse
 from sngr_utils.nested import SamplerSettings
 
 
-def compile_all() -> None:
+def compile_all(jobs: int = 2) -> None:
     """Call every compiled function with arguments of the types that it is used with.
 
-    In two processes, whose parts share no function; then what needs both.
+    In two processes, whose parts share hardly a function; then what needs both.
     """
     parts = (compile_samplers, compile_estimators)
-    joblib.Parallel(n_jobs=2)(joblib.delayed(part)() for part in parts)
+    joblib.Parallel(n_jobs=jobs)(joblib.delayed(part)() for part in parts)
     online.run(_small(), graph.PRESETS["C"], online.Settings(), rng=np.random.default_rng(0))
 
 
 def compile_samplers() -> None:
-    """The samplers of windows and of small posteriors, and what they sample."""
-    factors = compiled.flatten(gtsam.NonlinearFactorGraph(), gtsam.Values(), [], 1.0)._replace(
-        points=np.zeros((1, 2)), counts=np.array([0, 1, 0, 0, 1, 0, 0]),
-        of=np.zeros((1, 2), dtype=np.uint64), measured=np.array([[0.0] * 5 + [1.0, 1.0, 0.0]]),
-    )  # fmt: skip
-    settings = SamplerSettings(n_live=20)
-    for engine in ("dynesty-compiled", "nested", "fast"):
-        engines.sample_factors(factors, np.eye(2), settings, engine, rng=np.random.default_rng(0))
-    compiled.log_likelihoods(factors, np.zeros((1, 2)))
+    """Nested sampling of windows and of small posteriors, and what it samples."""
+    for engine in ("dynesty-compiled", "nested"):
+        _sample(engine)
     contest.compile_all()
 
 
 def compile_estimators() -> None:
-    """FastSLAM, the matchings of EM, the marginals of windows, and the mirror test."""
+    """FastSLAM, EM, the marginals of windows, the mirror test, and the fast path."""
     for method in ("fastslam", "em_exclusive"):
         rng = np.random.default_rng(0)
         estimators.estimate(_small(), graph.PRESETS["C"], method, "grid", rng=rng)
@@ -46,6 +40,18 @@ def compile_estimators() -> None:
         landmark_prior_sigma=1.0, range_sigma=1.0,
     )  # fmt: skip
     mirror.mirror_test(np.zeros((1, 2)), np.ones(1), np.ones(1), np.ones(2))
+    _sample("fast")
+
+
+def _sample(engine: str) -> None:
+    """Sample one point with a prior by one of the compiled engines."""
+    factors = compiled.flatten(gtsam.NonlinearFactorGraph(), gtsam.Values(), [], 1.0)._replace(
+        points=np.zeros((1, 2)), counts=np.array([0, 1, 0, 0, 1, 0, 0]),
+        of=np.zeros((1, 2), dtype=np.uint64), measured=np.array([[0.0] * 5 + [1.0, 1.0, 0.0]]),
+    )  # fmt: skip
+    settings, rng = SamplerSettings(n_live=20), np.random.default_rng(0)
+    engines.sample_factors(factors, np.eye(2), settings, engine, rng=rng)
+    compiled.log_likelihoods(factors, np.zeros((1, 2)))
 
 
 def _small() -> world.World:

@@ -19,7 +19,7 @@ def signatures():
 
 
 def test_a_world_needs_nothing_more_compiled():
-    warm_up.compile_all()
+    warm_up.compile_all(jobs=1)  # here, where the signatures are
     before = signatures()
     assert sum(map(bool, before.values())) > 10
     run = baseline.run_baseline(world.Scenario(), graph.PRESETS["C"], 0.2, 101)
