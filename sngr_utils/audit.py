@@ -57,7 +57,7 @@ class Config(ManyWorlds):
     p_corrected: Levels = [0.2]
     n_robust: Annotated[int, Field(ge=2)] = 10
     p_robust: Levels = [0.0, 0.2, 0.4]
-    n_windows: Annotated[int, Field(ge=2)] = 4
+    n_windows: Annotated[int, Field(ge=2)] = 8
     p_windows: Probability = 0.2
 
     @model_validator(mode="after")
