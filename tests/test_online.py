@@ -18,6 +18,7 @@ from sngr_utils import (
     odometry_doubt,
     online,
     online_study,
+    place,
     robust,
     smoother,
     variations,
@@ -147,6 +148,27 @@ def test_without_nested_sampling_none_is_run():
     found = run(make(0.3), online.Settings(nested=False))
     assert found.counts["landmark samples"] == found.counts["position samples"] == 0
     assert found.counts["landmark questions"] > 0
+
+
+@pytest.mark.parametrize(("sound", "referee", "asked"), [(False, True, 1), (True, True, 0),
+                                                         (False, False, 0)])  # fmt: skip
+def test_the_referee_is_asked_where_a_landmark_would_start_on_weights_that_are_not_sound(
+    monkeypatch, sound, referee, asked
+):
+    """Many starts say that it may; the referee's answer counts, and it is another one here."""
+    positions = world.circle_poses(12, 5.0)[:, :2]
+    ranges = np.linalg.norm(positions - [1.0, 2.0], axis=1)
+    evidence = place.Evidence(
+        positions, ranges, np.full(12, 0.01), np.full(12, 0.1), 10.0, np.zeros(2), 8.0
+    )
+    here, _ = place.many_starts(evidence, rng=np.random.default_rng(0))
+    monkeypatch.setattr(place, "many_starts", lambda evidence, rng: (here, sound))
+    scattered = replace(here, points=here.points + np.linspace(-3, 3, len(here.points))[:, None])
+    monkeypatch.setattr(place, "sample", lambda evidence, rng: scattered)
+    drawn = belief.Belief(make(0.0).first(1), C)
+    found = landmark_start._locate(drawn, evidence, referee, np.random.default_rng(0))
+    assert drawn.counts["landmark samples"] == asked
+    assert (found is None) == bool(asked)
 
 
 def test_p_can_be_held():
