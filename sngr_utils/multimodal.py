@@ -65,7 +65,6 @@ class Config(ManyWorlds):
     n_live_landmark: Annotated[int, Field(ge=20)] = 600
     n_live_window: Annotated[int, Field(ge=20)] = 500
     n_particles: Annotated[int, Field(ge=100)] = 6_000
-    jobs: Annotated[int, Field(ge=1)] = 1
 
     @model_validator(mode="after")
     def _consistent(self):

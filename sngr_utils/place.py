@@ -4,11 +4,11 @@ A range does not care which of its ends is unknown. So this is the start of a la
 from known poses, and it is also the position of a lost robot among known landmarks. After few
 ranges the posterior is a ring or a pair of mirror images: no Gaussian, and no place for one
 optimiser. Many starts come first, with importance sampling about the modes they end in; where
-its weights say that they missed something, nested sampling draws it. A grid is the reference.
+its weights say that they missed something, nested sampling draws it.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
@@ -17,8 +17,6 @@ from sngr_utils import compiled, compiled_nested, crossings, importance, mirror
 
 N_LIVE, WALKS, DLOGZ = 100, 25, 0.5  # of the nested sampler, in two dimensions
 START_APART = 3.0  # sigmas of a range, nearer than which two crossings are one start
-GRID_CELLS = 200  # per axis
-GRID_REACH = 1.5  # the grid ends at so many sigmas of the prior
 GATE = stats.chi2.ppf(0.99, 1)  # squared normalised error of a range that fits
 MAX_MODES = 4  # what is beyond them is left without a mode
 ENOUGH_MASS = 0.9  # of the first mode: the place is known
@@ -185,13 +183,13 @@ def many_starts(evidence: Evidence, *, rng: np.random.Generator) -> tuple[Poster
         starts(evidence, settings.n_starts) - evidence.centre, rng=rng,
     )  # fmt: skip
     log_prior = -0.5 * np.sum(found.samples**2, axis=1) / evidence.sigma**2
-    sound = found.diagnostics
+    doubts = {"k-hat", "ESS"}.intersection(found.diagnostics.objections)
     return Posterior(
         found.samples + evidence.centre,
         np.exp(found.log_weights),
         found.log_likelihoods + log_prior,
         found.log_evidence + evidence.ceiling,
-    ), sound.k_hat <= importance.MAX_K_HAT and sound.ess >= importance.MIN_ESS
+    ), not doubts
 
 
 def sample(evidence: Evidence, *, rng: np.random.Generator) -> Posterior:
@@ -206,26 +204,6 @@ def sample(evidence: Evidence, *, rng: np.random.Generator) -> Posterior:
         np.exp(trace.log_weights),
         trace.log_likelihoods + log_prior,
         trace.log_evidence + evidence.ceiling,
-    )
-
-
-def grid(evidence: Evidence, cells: int = GRID_CELLS) -> Posterior:
-    """The posterior on a square grid about the centre of the prior, `cells` along each axis.
-
-    A place is uniform within its cell, which widens every range by a twelfth of its square.
-    """
-    axis, step = np.linspace(-1, 1, cells, retstep=True)
-    axis, step = axis * GRID_REACH * evidence.sigma, step * GRID_REACH * evidence.sigma
-    evidence = replace(evidence, variances=evidence.variances + step**2 / 12)
-    xi = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
-    log_densities = _log_densities(evidence, xi)
-    total = np.logaddexp.reduce(log_densities)
-    norm = math.log(step**2 / (2 * math.pi * evidence.sigma**2))
-    return Posterior(
-        xi + evidence.centre,
-        np.exp(log_densities - total),
-        log_densities,
-        float(total + norm + evidence.ceiling),
     )
 
 
