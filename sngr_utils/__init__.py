@@ -81,6 +81,7 @@ what stands above it in this list:
 `verdicts`        a verdict on every claim
 `verdict_tables`  the verdicts in LaTeX and in the README
 `warm_up`         compiles everything once, before notebooks run side by side
+`dependencies`    the files of the package that a notebook depends on
 `run`             runs the notebooks headless (used by the Makefile)
 `verify`          re-runs everything and compares it with the committed reference
 ================  =====================================================================

@@ -4,7 +4,6 @@ The Makefile calls this module; ``python -m sngr_utils.run --help`` lists its co
 """
 
 import argparse
-import ast
 import fcntl
 import hashlib
 import json
@@ -26,6 +25,7 @@ from nbclient.exceptions import CellExecutionError, DeadKernelError
 from papermill.exceptions import PapermillExecutionError
 
 from sngr_utils import claims, paths, report, verdict_tables
+from sngr_utils.dependencies import imported_files
 from sngr_utils.parameters import (
     OUTPUT_DIR,
     ProjectError,
@@ -43,41 +43,16 @@ QUIET_KERNEL = ["--log-level=50"]  # no remarks about its transport or its end
 
 def provenance(name: str, params: dict[str, Any]) -> dict[str, str]:
     """Hashes of all that a notebook's results depend on."""
-    sources = [cell.source for cell in read_notebook(name).cells]
-    modules = [path.read_text(encoding="utf-8") for path in imported_modules(sources)]
+    cells = read_notebook(name).cells
+    code = [cell.source for cell in cells if cell.cell_type == "code"]
+    modules = [path.read_text(encoding="utf-8") for path in imported_files(name, code)]
     return {
-        "notebook": _hash(sources),
+        "notebook": _hash([cell.source for cell in cells]),
         "params": _hash(params),
         "package": _hash(modules),
         "printed_values": _hash(paths.PRINTED_VALUES.read_text(encoding="utf-8")),
         "lock": _hash(paths.LOCK.read_text(encoding="utf-8")),
     }
-
-
-def imported_modules(sources: list[str]) -> list[Path]:
-    """Files of `sngr_utils` that the given code imports, directly or not, sorted."""
-    found: set[Path] = set()
-    queue = list(sources)
-    while queue:
-        for module in _imports(queue.pop()):
-            path = paths.PACKAGE / f"{module}.py"
-            if path.exists() and path not in found:
-                found.add(path)
-                queue.append(path.read_text(encoding="utf-8"))
-    return sorted(found)
-
-
-def _imports(source: str) -> Iterator[str]:
-    """Names of the modules of `sngr_utils` that a piece of Python imports."""
-    try:
-        tree = ast.parse(source)
-    except SyntaxError:  # a markdown cell
-        return
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.module == "sngr_utils":
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("sngr_utils."):
-            yield node.module.split(".")[1]
 
 
 def _hash(content: Any) -> str:

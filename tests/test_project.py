@@ -1,20 +1,22 @@
 """Rules of the house that a grep can check."""
 
 import ast
+import pkgutil
 import re
 import subprocess
 import tomllib
 
 import pytest
 
-from sngr_utils import paths
+from sngr_utils import dependencies, paths
 
 TRACKED = subprocess.run(
     ["git", "ls-files", "-z"], cwd=paths.ROOT, capture_output=True, text=True, check=True
 ).stdout.split("\0")[:-1]
-MODULES = sorted(paths.PACKAGE.glob("*.py"))
+FILES = sorted(paths.PACKAGE.rglob("*.py"))
 
 # The order in which the package's docstring lists the modules; each imports only from above.
+# A module in a folder is listed as "folder.module".
 ORDER = [
     "paths", "style", "jit", "world", "variations", "metrics", "graph", "mirror", "windows",
     "information", "chain",
@@ -32,7 +34,8 @@ ORDER = [
     "printed", "contradictions", "rules", "parameters", "bimodal", "trigger_sweep",
     "full_sngr", "cost", "triggers", "audit_tables", "audit", "peer_tables", "peers",
     "online_tables", "association_aware", "multimodal", "multimodal_tables",
-    "claims", "verdicts", "verdict_tables", "warm_up", "run", "verify",
+    "claims", "verdicts", "verdict_tables", "warm_up", "dependencies", "run",
+    "verify",
 ]  # fmt: skip
 DRIVERS = {
     "bimodal", "trigger_sweep", "full_sngr", "cost", "audit", "triggers", "peers",
@@ -41,31 +44,48 @@ DRIVERS = {
 
 
 def test_no_global_random_state():
-    for path in [*MODULES, *paths.NOTEBOOKS.glob("*.ipynb")]:
+    for path in [*FILES, *paths.NOTEBOOKS.glob("*.ipynb")]:
         used = set(re.findall(r"np\.random\.(\w+)", path.read_text(encoding="utf-8")))
         assert used <= {"default_rng", "Generator"}, path
 
 
-def imports_of(path):
-    """Names of the modules of the package that a file imports."""
-    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
-    froms = [node for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
-    direct = {name.name for node in froms if node.module == "sngr_utils" for name in node.names}
-    return direct | {n.module.split(".")[1] for n in froms if n.module.startswith("sngr_utils.")}
+def module_of(path):
+    """Name of a file of the package as ORDER has it."""
+    return ".".join(path.relative_to(paths.PACKAGE).with_suffix("").parts)
+
+
+def test_packages_hold_a_docstring_only():
+    """What they import or define, all that is in them would depend on."""
+    for path in FILES:
+        if path.stem == "__init__":
+            (docstring, *rest) = ast.parse(path.read_text(encoding="utf-8")).body
+            assert isinstance(docstring, ast.Expr), path
+            version = [ast.unparse(line).startswith("__version__ = ") for line in rest]
+            assert all(version), path
 
 
 def test_imports_follow_the_documented_order():
-    assert sorted(ORDER) == sorted(path.stem for path in MODULES if path.stem != "__init__")
-    listed = re.findall(r"^`(\w+)`", (paths.PACKAGE / "__init__.py").read_text(), flags=re.M)
+    assert sorted(ORDER) == sorted(module_of(path) for path in FILES if path.stem != "__init__")
+    listed = re.findall(r"^`([\w.]+)`", (paths.PACKAGE / "__init__.py").read_text(), flags=re.M)
     assert [name for name in ORDER if name in listed] == listed
-    for path in MODULES:
-        if path.stem == "__init__":
-            continue
-        imported = imports_of(path)
-        above = ORDER[: ORDER.index(path.stem)]
-        assert imported <= set(above), path
-        if path.stem in DRIVERS:
-            assert not imported & DRIVERS, f"{path}: drivers do not import each other"
+    graph = dependencies.import_graph()
+    for number, name in enumerate(ORDER):
+        found = graph.find_modules_directly_imported_by(f"sngr_utils.{name}")
+        imported = {module.removeprefix("sngr_utils.") for module in found}
+        assert imported <= set(ORDER[:number]), name
+        if name in DRIVERS:
+            assert not imported & DRIVERS, f"{name}: drivers do not import each other"
+
+
+@pytest.mark.parametrize(
+    "name", [n for n in TRACKED if n.endswith((".md", ".yaml", ".tex", ".ipynb", "Makefile"))]
+)
+def test_what_is_said_of_the_package_is_there(name):
+    text = (paths.ROOT / name).read_text(encoding="utf-8")
+    for path in re.findall(r"\bsngr_utils/[\w/]+\.py\b", text):
+        assert (paths.ROOT / path).exists(), path
+    for dotted in re.findall(r"\bsngr_utils(?:\.[a-zA-Z]\w*)+", text):
+        pkgutil.resolve_name(dotted)
 
 
 def test_plots_know_nothing_of_gtsam_and_never_show():

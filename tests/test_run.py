@@ -7,12 +7,14 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from importlib.machinery import PathFinder
 
 import nbformat
 import pytest
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 
-from sngr_utils import claims, parameters, paths, report, run
+import sngr_utils
+from sngr_utils import claims, dependencies, parameters, paths, report, run
 
 NAME = "01_bimodal"
 CLAIMS = f"""
@@ -55,10 +57,11 @@ def make_project(folder):
 
 @contextmanager
 def at_home_in(folder):
-    """All of the project's paths lead into a folder."""
+    """All of the project's paths lead into a folder, and grimp reads the package there."""
     root = paths.ROOT
     claims.read.cache_clear()
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sngr_utils, "__spec__", PathFinder.find_spec("sngr_utils", [str(folder)]))
         for name in [name for name in vars(paths) if name.isupper()]:
             patch.setattr(paths, name, folder / getattr(paths, name).relative_to(root))
         yield folder
@@ -243,6 +246,78 @@ def test_what_makes_results_stale(project):
     used = project / "sngr_utils/report.py"
     used.write_text(used.read_text() + "\n# changed\n")
     assert run.provenance(NAME, params) != before
+
+
+def add(project, files):
+    """Write files of the package, given as name -> text; `slam/a.py` is in a sub-package."""
+    for name, text in files.items():
+        path = project / "sngr_utils" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+
+
+FOLDERS = {
+    "slam/__init__.py": '"""A folder."""',
+    "slam/solvers.py": "from sngr_utils.numerics.deep import linalg\ndef solve(): ...",
+    "slam/unrelated.py": "",
+    "numerics/__init__.py": "from sngr_utils import constants",
+    "numerics/deep/__init__.py": "",
+    "numerics/deep/linalg.py": "",
+    "constants.py": "",
+    "entry.py": "def later():\n    from .slam import solvers",
+}
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "from sngr_utils.slam import solvers",
+        "from sngr_utils.slam.solvers import solve",
+        "from sngr_utils.slam.solvers import *",
+        "import sngr_utils.slam.solvers",
+        "if True:\n    import numpy, sngr_utils.slam.solvers as s",
+        "from sngr_utils import entry",
+    ],
+)
+def test_an_edit_in_a_folder_makes_stale_what_imports_it(project, line):
+    add(project, FOLDERS)
+    write_notebook(project, declared_cell(project), line)
+    before = run.provenance(NAME, {})
+    for name in {"__init__.py", *FOLDERS} - {"slam/unrelated.py", "entry.py"}:
+        path = project / "sngr_utils" / name
+        good = path.read_text()
+        path.write_text(good + "\n# changed\n")
+        assert run.provenance(NAME, {}) != before, name
+        path.write_text(good)
+    add(project, {"slam/unrelated.py": "# changed"})
+    assert run.provenance(NAME, {}) == before
+
+
+@pytest.mark.parametrize(
+    ("line", "missing"),
+    [
+        ("from sngr_utils import nothing", "sngr_utils.nothing"),
+        ("from sngr_utils.nothing import solve", "sngr_utils.nothing.solve"),
+        ("import sngr_utils.nothing", "sngr_utils.nothing"),
+        ("from sngr_utils.slam import solvers, nothing", "sngr_utils.slam.nothing"),
+        ("from sngr_utils.slam.nothing import solve", "sngr_utils.slam.nothing.solve"),
+        ("from sngr_utils.slam import *", r"sngr_utils.slam.\*"),
+    ],
+)
+def test_a_module_that_is_not_there_is_named(project, line, missing):
+    add(project, FOLDERS)
+    write_notebook(project, declared_cell(project), line)
+    with pytest.raises(parameters.ProjectError, match=f"{NAME}.ipynb imports {missing}, which"):
+        run.provenance(NAME, {})
+
+
+def test_what_would_be_overlooked_is_an_error(project):
+    write_notebook(project, declared_cell(project), "%pip list\nfrom sngr_utils import world")
+    with pytest.raises(parameters.ProjectError, match=f"{NAME}.ipynb: a cell is not plain Python"):
+        run.provenance(NAME, {})
+    add(project, {".ipynb_checkpoints/a.py": "", "folder/a.py": ""})
+    with pytest.raises(parameters.ProjectError, match=r"sngr_utils/folder/a\.py is in no package"):
+        dependencies.import_graph()
 
 
 def test_failing_notebook_keeps_what_was_published(published, capsys):
