@@ -6,20 +6,21 @@ compiled modules: an edit to any of them compiles all of them again.
 """
 
 import hashlib
+from pathlib import Path
 
 import numba
 
 from sngr_utils import paths
 
 
-def _fingerprint() -> str:
-    """Hash of the sources of all modules that compile anything."""
-    sources = [path.read_bytes() for path in sorted(paths.PACKAGE.glob("*.py"))]
-    compiled = [source for source in sources if b"compile_once" in source]
+def fingerprint(package: Path) -> str:
+    """Hash of the sources in a folder that compile anything, wherever below it they lie."""
+    sources = [path.read_bytes() for path in package.rglob("*.py")]
+    compiled = sorted(source for source in sources if b"compile_once" in source)
     return hashlib.sha256(b"\0".join(compiled)).hexdigest()[:16]
 
 
-numba.config.CACHE_DIR = str(paths.BUILD / "cache" / "numba" / _fingerprint())
+numba.config.CACHE_DIR = str(paths.BUILD / "cache" / "numba" / fingerprint(paths.PACKAGE))
 
 # No Python objects inside, so threads run in parallel; x / 0 is inf, as in NumPy.
 compile_once = numba.njit(cache=True, nogil=True, error_model="numpy")
