@@ -133,4 +133,5 @@ clean:
 	rm -rf build paper/generated paper/sngr.pdf .pytest_cache .ruff_cache .coverage
 
 distclean: clean
-	rm -rf .venv sngr_utils/__pycache__ tests/__pycache__
+	rm -rf .venv
+	find sngr_utils tests -name __pycache__ -prune -exec rm -rf {} +

@@ -11,10 +11,11 @@ from sngr_utils import baseline, chain, estimators, graph, paths, warm_up, world
 def signatures():
     """Types that each compiled function has been compiled for, by name."""
     found = {}
-    for path in paths.PACKAGE.glob("*.py"):
-        module = importlib.import_module(f"sngr_utils.{path.stem}")
+    for path in paths.PACKAGE.rglob("*.py"):
+        module = ".".join(path.relative_to(paths.ROOT).with_suffix("").parts)
         for name in re.findall(r"^@compile_once\ndef (\w+)", path.read_text(), flags=re.M):
-            found[f"{path.stem}.{name}"] = list(getattr(module, name).signatures)
+            compiled = getattr(importlib.import_module(module), name)
+            found[f"{module}.{name}"] = list(compiled.signatures)
     return found
 
 
