@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from test_brute_force import anchors, window
+from helpers import anchors, window
 
 from sngr_utils import adaptive, brute_force, contest, many_starts, metrics
 

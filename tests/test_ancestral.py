@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers import SIGMAS, a_world, anchors, window
 from scipy import stats
-from test_brute_force import SIGMAS, a_world, anchors, window
 
 from sngr_utils import (
     ancestral,

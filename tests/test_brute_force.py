@@ -7,6 +7,7 @@ import gtsam
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
+from helpers import SIGMAS, WEAK, a_world, anchors, window
 from scipy import integrate, stats
 
 from sngr_utils import (
@@ -14,35 +15,9 @@ from sngr_utils import (
     graph,
     landmark_target,
     many_starts,
-    variations,
     window_target,
     world,
 )
-
-SIGMAS = graph.PRESETS["C"].x0_sigmas
-WEAK = world.Scenario(n_poses=3, odometry_sigma_xy=0.5, odometry_sigma_theta=0.1)
-
-
-def anchors(distance=4.0, measured=3.0, sigma=0.2):
-    """Notebook 1: two known anchors, both `measured` metres from a landmark."""
-    positions = np.array([[0.0, 0.0], [distance, 0.0]])
-    return landmark_target.Landmark(
-        positions, np.zeros((4, 4)), np.array([measured, measured]), sigma, positions.mean(axis=0),
-        10.0,
-    )  # fmt: skip
-
-
-def a_world(seed=100):
-    return world.simulate(world.Scenario(), 0.0, rng=np.random.default_rng(seed))
-
-
-def window(n_ranges=1, seed=100, range_sigma=0.1, **changes):
-    """Three poses, each with ranges that may belong to any of six landmarks."""
-    rng = np.random.default_rng(seed)
-    scenario = WEAK.model_copy(update={"range_sigma": range_sigma})
-    the_world = variations.draw_x0(world.simulate(scenario, 0.4, rng=rng), [0.5, 0.5, 0.1], rng=rng)
-    return replace(window_target.window_of(the_world, [0.5, 0.5, 0.1], 0.4, n_ranges), **changes)
-
 
 # --- targets --------------------------------------------------------------------------------
 

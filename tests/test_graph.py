@@ -4,21 +4,9 @@ import gtsam
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L, X
+from helpers import dense_covariance
 
 from sngr_utils import baseline, graph, windows, world
-
-
-def dense_covariance(solution):
-    """Inverse of the dense information matrix at the estimate, and the slice of each key."""
-    ordering = gtsam.Ordering()
-    keys = list(solution.estimate.keys())
-    for key in keys:
-        ordering.push_back(key)
-    a, _ = solution.graph.linearize(solution.estimate).jacobian(ordering)
-    sizes = [3 if gtsam.Symbol(key).chr() == ord("x") else 2 for key in keys]
-    ends = np.cumsum(sizes)
-    slices = {k: slice(e - n, e) for k, e, n in zip(keys, ends, sizes, strict=True)}
-    return np.linalg.inv(a.T @ a), slices
 
 
 @pytest.mark.parametrize(

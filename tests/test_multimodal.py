@@ -4,7 +4,7 @@ import joblib
 import numpy as np
 import pandas as pd
 import pytest
-from test_warm_up import signatures
+from helpers import signatures
 
 from sngr_utils import contest, mirror, multimodal
 from sngr_utils import multimodal_tables as tables

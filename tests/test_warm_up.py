@@ -1,22 +1,9 @@
 """What `warm_up` has compiled need not be compiled again."""
 
-import importlib
-import re
-
 import numpy as np
+from helpers import signatures
 
-from sngr_utils import baseline, chain, estimators, graph, paths, warm_up, world
-
-
-def signatures():
-    """Types that each compiled function has been compiled for, by name."""
-    found = {}
-    for path in paths.PACKAGE.rglob("*.py"):
-        module = ".".join(path.relative_to(paths.ROOT).with_suffix("").parts)
-        for name in re.findall(r"^@compile_once\ndef (\w+)", path.read_text(), flags=re.M):
-            compiled = getattr(importlib.import_module(module), name)
-            found[f"{module}.{name}"] = list(compiled.signatures)
-    return found
+from sngr_utils import baseline, chain, estimators, graph, warm_up, world
 
 
 def test_a_world_needs_nothing_more_compiled():

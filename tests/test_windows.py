@@ -2,6 +2,7 @@ import gtsam
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L, X
+from helpers import dense_covariance
 
 from sngr_utils import windows
 
@@ -35,8 +36,6 @@ def test_touching_factors_are_those_with_a_pose_of_the_window(clean):
 
 
 def test_conditional_covariance_is_the_inverse_of_the_information_block(noisy):
-    from test_graph import dense_covariance
-
     solution, keys = noisy.solution, windows.window_keys(12)
     covariance, slices = dense_covariance(solution)
     rows = np.concatenate([np.arange(len(covariance))[slices[key]] for key in keys])

@@ -1,0 +1,58 @@
+"""What tests of several files use: small posteriors, a dense inverse, what has been compiled."""
+
+import importlib
+import re
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+
+from sngr_utils import graph, landmark_target, paths, variations, window_target, world
+
+SIGMAS = graph.PRESETS["C"].x0_sigmas
+WEAK = world.Scenario(n_poses=3, odometry_sigma_xy=0.5, odometry_sigma_theta=0.1)
+
+
+def anchors(distance=4.0, measured=3.0, sigma=0.2):
+    """Notebook 1: two known anchors, both `measured` metres from a landmark."""
+    positions = np.array([[0.0, 0.0], [distance, 0.0]])
+    return landmark_target.Landmark(
+        positions, np.zeros((4, 4)), np.array([measured, measured]), sigma, positions.mean(axis=0),
+        10.0,
+    )  # fmt: skip
+
+
+def a_world(seed=100):
+    return world.simulate(world.Scenario(), 0.0, rng=np.random.default_rng(seed))
+
+
+def window(n_ranges=1, seed=100, range_sigma=0.1, **changes):
+    """Three poses, each with ranges that may belong to any of six landmarks."""
+    rng = np.random.default_rng(seed)
+    scenario = WEAK.model_copy(update={"range_sigma": range_sigma})
+    the_world = variations.draw_x0(world.simulate(scenario, 0.4, rng=rng), [0.5, 0.5, 0.1], rng=rng)
+    return replace(window_target.window_of(the_world, [0.5, 0.5, 0.1], 0.4, n_ranges), **changes)
+
+
+def dense_covariance(solution):
+    """Inverse of the dense information matrix at the estimate, and the slice of each key."""
+    ordering = gtsam.Ordering()
+    keys = list(solution.estimate.keys())
+    for key in keys:
+        ordering.push_back(key)
+    a, _ = solution.graph.linearize(solution.estimate).jacobian(ordering)
+    sizes = [3 if gtsam.Symbol(key).chr() == ord("x") else 2 for key in keys]
+    ends = np.cumsum(sizes)
+    slices = {k: slice(e - n, e) for k, e, n in zip(keys, ends, sizes, strict=True)}
+    return np.linalg.inv(a.T @ a), slices
+
+
+def signatures():
+    """Types that each compiled function has been compiled for, by name."""
+    found = {}
+    for path in paths.PACKAGE.rglob("*.py"):
+        module = ".".join(path.relative_to(paths.ROOT).with_suffix("").parts)
+        for name in re.findall(r"^@compile_once\ndef (\w+)", path.read_text(), flags=re.M):
+            compiled = getattr(importlib.import_module(module), name)
+            found[f"{module}.{name}"] = list(compiled.signatures)
+    return found
