@@ -25,6 +25,9 @@ from sngr_utils import paths
 TIMING = "_timing"  # end of the name of a figure that shows wall clocks
 NONE = "–"  # what a table shows where there is nothing to show
 
+STANDARD_ERRORS = 3  # within which another run reproduces a mean
+ROUNDING = 1e-9  # relative to a value, or to 1: an error below it is none
+
 NUMBER_LIST = re.compile(r"\[\s*(?:(?:-?[\d.]+(?:e[+-]?\d+)?|null),?\s*)+\]")
 
 LATEX_CELL = str.maketrans({
@@ -114,13 +117,13 @@ class Report:
         n : sample size behind it
         timing : whether it is a wall-clock figure
         within : how far another run may deviate and still reproduce it (`make verify`), in its
-            unit. If not given: 3 standard errors where it has one, exactly for whole numbers,
-            else half a unit of the last printed digit
+            unit. If not given, see `tolerance`
         """
         entry = {"value": _or_null(value), "format": fmt, "unit": unit, "n": int(n)}
         if error is not None:
             entry["standard_error"] = _or_null(error)
-        entry["tolerance"] = _tolerance(entry, within)
+        own = {"kind": "absolute", "size": within}
+        entry["tolerance"] = tolerance(entry) if within is None else own
         (self._timings if timing else self._results)["values"][key] = entry
 
     def sample(self, key: str, values: Sequence[float], fmt: str = ".2f", unit: str = "") -> None:
@@ -139,10 +142,7 @@ class Report:
             "standard_error": _or_null(standard_error(defined)) if defined else None,
             "sample": [_or_null(value) for value in values],
         }  # fmt: skip
-        digits = _tolerance({**entry, "standard_error": None}, None)
-        spread = 3 * (entry["standard_error"] or 0)
-        # worlds that are all alike leave a standard error of rounding, which no rerun can meet
-        entry["tolerance"] = _tolerance(entry, None) if spread > digits["size"] else digits
+        entry["tolerance"] = tolerance(entry)
         self._results["samples"][key] = entry
 
     def table(self, name: str, frame: pd.DataFrame, timing: bool = False) -> HTML:
@@ -172,13 +172,23 @@ class Report:
             write_json(self.output_dir / f"{self.notebook}.timings.json", self._timings)
 
 
-def _tolerance(entry: dict, within: float | None) -> dict:
-    """Kind and size of the deviation that still reproduces a value, see `Report.value`."""
-    if within is not None:
-        return {"kind": "absolute", "size": within}
-    if entry.get("standard_error") is not None:
-        return {"kind": "standard errors", "size": 3}
-    decimals = re.search(r"\.(\d)f", entry["format"])
+def tolerance(entry: dict) -> dict:
+    """Kind and size of the deviation that still reproduces a value.
+
+    Three standard errors where it has one that shows in the printed digits. Else half a unit of
+    the last printed digit, and exactly where that is a whole number: worlds that are all alike
+    leave a standard error of zero or of rounding, which no rerun can meet.
+    """
+    digits = _printed_digits(entry["format"])
+    spread = STANDARD_ERRORS * (entry.get("standard_error") or 0)
+    if spread > max(digits["size"], ROUNDING * max(1.0, abs(entry["value"] or 0))):
+        return {"kind": "standard errors", "size": STANDARD_ERRORS}
+    return digits
+
+
+def _printed_digits(fmt: str) -> dict:
+    """The tolerance of a value of which only the printed digits count."""
+    decimals = re.search(r"\.(\d)f", fmt)
     if decimals is None or decimals[1] == "0":
         return {"kind": "exact", "size": 0}
     return {"kind": "absolute", "size": 0.5 * 10.0 ** -int(decimals[1])}

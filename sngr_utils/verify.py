@@ -44,10 +44,10 @@ def compare_values(reference: dict[str, dict], now: dict[str, dict]) -> list[Com
     rows = []
     for key in sorted(reference.keys() | now.keys()):
         old, new = reference.get(key, {}), now.get(key, {})
-        tolerance = old.get("tolerance", {"kind": "exact", "size": 0})
         before, after = old.get("value"), new.get("value")
         both = key in reference and key in now and _size(old) == _size(new)
-        if both and before is None and after is None:
+        tolerance = _tolerance(old)
+        if both and before == after:
             deviation = 0.0
         elif not both or before is None or after is None:
             deviation = math.inf
@@ -57,6 +57,14 @@ def compare_values(reference: dict[str, dict], now: dict[str, dict]) -> list[Com
                 deviation /= old["standard_error"]
         rows.append(Comparison(key, before, after, tolerance["kind"], tolerance["size"], deviation))
     return rows
+
+
+def _tolerance(entry: dict) -> dict:
+    """The one it declares; the printed digits where that counts standard errors and has none."""
+    declared = entry.get("tolerance", {"kind": "exact", "size": 0})
+    if declared["kind"] == "standard errors" and not (entry.get("standard_error") or 0) > 0:
+        return report.tolerance({**entry, "standard_error": None})
+    return declared
 
 
 def _size(entry: dict) -> int | None:
@@ -112,13 +120,20 @@ def adopt() -> None:
                 report.write_json(paths.REFERENCE / source.name, entries)
 
 
-if __name__ == "__main__":
-    if sys.argv[1:] == ["adopt"]:
-        try:
+def main(arguments: list[str]) -> int:
+    """Command line; returns the exit status, 1 if a value is outside its tolerance."""
+    try:
+        if arguments == ["compare"]:
+            return 1 if compare(paths.BUILD / "verify") else 0
+        if arguments == ["adopt"]:
             adopt()
-        except ProjectError as error:
-            sys.exit(f"error: {error}")
-    elif sys.argv[1:] == ["compare"]:
-        sys.exit(1 if compare(paths.BUILD / "verify") else 0)
-    else:
-        sys.exit("usage: python -m sngr_utils.verify compare|adopt")
+            return 0
+    except ProjectError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    print("usage: python -m sngr_utils.verify compare|adopt", file=sys.stderr)
+    return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

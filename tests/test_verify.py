@@ -14,7 +14,7 @@ from sngr_utils import (
 
 
 def entry(value, kind, size, error=None):
-    made = {"value": value, "tolerance": {"kind": kind, "size": size}}
+    made = {"value": value, "format": ".2f", "tolerance": {"kind": kind, "size": size}}
     return made if error is None else {**made, "standard_error": error}
 
 
@@ -30,6 +30,13 @@ def entry(value, kind, size, error=None):
         (entry(None, "exact", 0), entry(None, "exact", 0), True),
         (entry(None, "exact", 0), entry(1.0, "exact", 0), False),
         (entry(1.0, "exact", 0), entry(None, "exact", 0), False),
+        (entry(math.inf, "exact", 0), entry(math.inf, "exact", 0), True),
+        # no error to count by: the printed digits decide
+        (entry(1.0, "standard errors", 3, 0.0), entry(1.0, "standard errors", 3, 0.0), True),
+        (entry(1.0, "standard errors", 3, 0.0), entry(1.004, "standard errors", 3, 0.0), True),
+        (entry(1.0, "standard errors", 3, 0.0), entry(1.006, "standard errors", 3, 0.1), False),
+        (entry(1.0, "standard errors", 3), entry(1.006, "standard errors", 3, 0.1), False),
+        (entry(1.0, "standard errors", 3, math.nan), entry(1.006, "exact", 0), False),
     ],
 )
 def test_each_kind_of_tolerance_can_hold_and_can_fail(old, new, holds):
@@ -58,6 +65,21 @@ def test_default_tolerances(tmp_path):
         "mean": ("standard errors", 3),
         "own": ("absolute", 0.2),
     }
+
+
+@pytest.mark.parametrize("fmt", [".0f", ".1f", ".2f", "+.3f", "g"])
+@pytest.mark.parametrize("value", [0.0, 1 / 3, -7e5, math.nan])
+@pytest.mark.parametrize("error", [0.0, 1e-17, math.nan])
+def test_an_error_of_zero_or_rounding_counts_for_nothing(tmp_path, value, error, fmt):
+    to = report.Report("x", tmp_path)
+    to.value("k", value, fmt, error=error)
+    to.value("without", value, fmt)
+    to.sample("s", [value] * 3, fmt)  # the mean of three thirds leaves an error of 1e-17
+    to.save()
+    written = report.entries(report.read_json(tmp_path / "x.json"))
+    assert {entry["tolerance"]["kind"] for entry in written.values()} <= {"exact", "absolute"}
+    assert written["k"]["tolerance"] == written["without"]["tolerance"]
+    assert all(row.holds for row in verify.compare_values(written, written))
 
 
 def sampled(values, tmp_path, fmt=".2f"):
@@ -100,11 +122,11 @@ def sweep_values(sweep, tmp_path):
 
 def test_reference_holds_for_the_sweep_and_a_perturbed_parameter_is_caught(paper_sweep, tmp_path):
     """The proof that verify can fail: a range sigma of 0.11 instead of 0.10 m."""
-    reference = report.read_json(paths.REFERENCE / "02_trigger_sweep.json")
-    same = verify.compare_values(reference, sweep_values(paper_sweep, tmp_path))
+    committed = reference("02_trigger_sweep")
+    same = verify.compare_values(committed, sweep_values(paper_sweep, tmp_path))
     assert all(row.holds for row in same)
     other = trigger_sweep.run(trigger_sweep.Config(range_sigma=0.11))
-    perturbed = verify.compare_values(reference, sweep_values(other, tmp_path))
+    perturbed = verify.compare_values(committed, sweep_values(other, tmp_path))
     assert sum(not row.holds for row in perturbed) > 5
 
 
@@ -125,6 +147,67 @@ def test_compare_and_adopt_on_folders(tmp_path, monkeypatch, capsys):
     assert set(report.read_json(tmp_path / "reference/01_bimodal.timings.json")) == {"clock"}
     assert verify.compare(tmp_path / "verify") == 0
     assert "0 outside their tolerance" in capsys.readouterr().out
+
+
+def reference(name):
+    return report.read_json(paths.REFERENCE / f"{name}.json")
+
+
+COMMITTED = sorted(path.stem for path in paths.REFERENCE.glob("*.json"))
+
+
+@pytest.mark.parametrize("name", COMMITTED)
+def test_the_committed_reference_reproduces_itself_and_nothing_else(name):
+    """Each value alone, moved by a hair more than its tolerance or lost, is a breach."""
+    committed = reference(name)
+    rows = verify.compare_values(committed, reference(name))
+    assert len(rows) == len(committed)
+    assert [row.key for row in rows if not row.holds] == []
+    for row in rows:
+        entry = committed[row.key]
+        unit = entry["standard_error"] if row.kind == "standard errors" else 1.0
+        moved = 0.0 if row.reference is None else row.reference + 1.001 * row.allowed * unit + 1e-6
+        for other in ({**entry, "value": moved}, {**entry, "value": None}):
+            if other["value"] != row.reference:
+                (found,) = verify.compare_values({"k": entry}, {"k": other})
+                assert not found.holds, row.key
+
+
+@pytest.mark.parametrize("name", COMMITTED)
+def test_the_committed_tolerances_are_what_a_report_writes(name):
+    for key, entry in reference(name).items():
+        if entry["tolerance"]["kind"] != "absolute":  # which the notebook may have chosen itself
+            assert entry["tolerance"] == report.tolerance(entry), key
+
+
+@pytest.mark.parametrize(
+    ("damage", "breaches"),
+    [
+        (lambda entries: None, 0),
+        (lambda entries: entries["s"].update(value=9.0), 1),
+        (lambda entries: entries["v"].update(value=1.006), 1),
+        (lambda entries: entries["v"].update(value=None), 1),
+        (lambda entries: entries["s"]["sample"].pop(), 1),
+        (lambda entries: entries.pop("v"), 1),
+        (lambda entries: entries.update(extra=entries["v"]), 1),
+        (lambda entries: entries.update(renamed=entries.pop("v")), 2),
+    ],
+)  # fmt: skip
+def test_an_altered_reference_is_noticed(tmp_path, monkeypatch, capsys, damage, breaches):
+    monkeypatch.setattr(verify, "notebook_names", lambda: ["01_bimodal"])
+    monkeypatch.setattr(paths, "BUILD", tmp_path)
+    monkeypatch.setattr(paths, "REFERENCE", tmp_path)
+    to = report.Report("01_bimodal", tmp_path / "verify/01_bimodal")
+    to.value("v", 1.0)
+    to.sample("s", [1.0, 2.0, 3.0])
+    to.save()
+    entries = report.entries(report.read_json(tmp_path / "verify/01_bimodal/01_bimodal.json"))
+    damage(entries)
+    report.write_json(tmp_path / "01_bimodal.json", entries)
+    assert verify.main(["compare"]) == (breaches > 0)
+    shown = capsys.readouterr().out
+    assert shown.count("BREACH") == breaches
+    assert f"{breaches} outside their tolerance" in shown
 
 
 def test_there_is_a_reference_for_every_notebook():
