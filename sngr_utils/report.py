@@ -176,20 +176,21 @@ def tolerance(entry: dict) -> dict:
     """Kind and size of the deviation that still reproduces a value.
 
     Three standard errors where it has one that shows in the printed digits. Else half a unit of
-    the last printed digit, and exactly where that is a whole number: worlds that are all alike
-    leave a standard error of zero or of rounding, which no rerun can meet.
+    the last printed digit, and exactly for whole numbers and for formats without fixed digits:
+    worlds that are all alike leave a standard error of zero or of rounding, which no rerun meets.
     """
-    digits = _printed_digits(entry["format"])
+    digits = _printed_digits(entry)
     spread = STANDARD_ERRORS * (entry.get("standard_error") or 0)
     if spread > max(digits["size"], ROUNDING * max(1.0, abs(entry["value"] or 0))):
         return {"kind": "standard errors", "size": STANDARD_ERRORS}
     return digits
 
 
-def _printed_digits(fmt: str) -> dict:
+def _printed_digits(entry: dict) -> dict:
     """The tolerance of a value of which only the printed digits count."""
-    decimals = re.search(r"\.(\d)f", fmt)
-    if decimals is None or decimals[1] == "0":
+    value, decimals = entry["value"], re.search(r"\.(\d)f", entry["format"])
+    whole = value is None or float(value).is_integer()
+    if decimals is None or (decimals[1] == "0" and whole):
         return {"kind": "exact", "size": 0}
     return {"kind": "absolute", "size": 0.5 * 10.0 ** -int(decimals[1])}
 

@@ -53,6 +53,7 @@ def test_a_key_on_one_side_only_is_a_breach():
 def test_default_tolerances(tmp_path):
     to = report.Report("x", tmp_path)
     to.value("count", 3, ".0f")
+    to.value("nats", 22.1, ".0f")
     to.value("rate", 0.25)
     to.value("mean", 0.25, error=0.1)
     to.value("own", 0.25, within=0.2)
@@ -61,6 +62,7 @@ def test_default_tolerances(tmp_path):
     kinds = {key: tuple(value["tolerance"].values()) for key, value in values.items()}
     assert kinds == {
         "count": ("exact", 0),
+        "nats": ("absolute", 0.5),  # no whole number: its last bits are another processor's
         "rate": ("absolute", 0.005),
         "mean": ("standard errors", 3),
         "own": ("absolute", 0.2),
