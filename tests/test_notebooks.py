@@ -1,14 +1,9 @@
 """The committed notebooks as a reader finds them (nbval re-runs them besides)."""
 
-import base64
-import io
 import re
 
 import nbformat
-import numpy as np
 import pytest
-from conftest import IMAGE_TOLERANCE, image_difference
-from PIL import Image
 
 from sngr_utils import parameters, paths
 
@@ -90,23 +85,6 @@ def test_stored_outputs_name_no_machine(name):
     text = (paths.NOTEBOOKS / f"{name}.ipynb").read_text(encoding="utf-8")
     assert not re.search(r"/(home|root|work|tmp|Users)/\w", text)
     assert not re.search(r"https?://(?!www\.w3\.org)", text)
-
-
-def png(array):
-    buffer = io.BytesIO()
-    Image.fromarray(array).save(buffer, format="PNG")
-    return base64.b64encode(buffer.getvalue()).decode()
-
-
-def test_the_comparison_of_images_can_fail():
-    """One moved marker of 5 x 5 pixels in a panel of 300 x 200 is caught, a rounded pixel not."""
-    white = np.full((200, 300, 3), 255, dtype=np.uint8)
-    moved, rounded, other_size = white.copy(), white.copy(), white[:-1]
-    moved[50:55, 50:55] = 0
-    rounded[50, 50] = 254
-    assert image_difference(png(white), png(rounded)) <= IMAGE_TOLERANCE
-    assert image_difference(png(white), png(moved)) > IMAGE_TOLERANCE
-    assert image_difference(png(white), png(other_size)) > IMAGE_TOLERANCE
 
 
 def test_a_stripped_notebook_would_be_noticed(tmp_path, monkeypatch):

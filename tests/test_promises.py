@@ -1,0 +1,126 @@
+"""Promises broken on purpose: each must be noticed.
+
+`test_run`, `test_verify` and `test_verdicts` do the same to stale results, to the reference and
+to the claims.
+"""
+
+import base64
+import io
+import os
+import shutil
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import nbformat
+import numpy as np
+import pytest
+from nbformat.v4 import new_code_cell, new_notebook, new_output
+from PIL import Image
+
+from sngr_utils import paths
+
+# --- a stored notebook, under the project's own pytest ------------------------------------------
+
+
+def encoded(array, **options):
+    buffer = io.BytesIO()
+    Image.fromarray(array).save(buffer, **{"format": "PNG"} | options)
+    return base64.b64encode(buffer.getvalue()).decode()
+
+
+def shown(**data):
+    """A stored output, of kinds "png", "jpeg" or "html"."""
+    kinds = {"png": "image/png", "jpeg": "image/jpeg", "html": "text/html"}
+    return new_output("display_data", {kinds[kind]: value for kind, value in data.items()})
+
+
+def printed(text):
+    return new_output("stream", name="stdout", text=text)
+
+
+def panel(marker=None, grey=255):
+    """A picture of 300 x 200 pixels, with or without a marker of 5 x 5."""
+    pixels = np.full((200, 300, 3), grey, dtype=np.uint8)
+    if marker is not None:
+        pixels[marker : marker + 5, marker : marker + 5] = 0
+    return pixels
+
+
+def rounded(pixels):
+    pixels[100, 100] -= 1
+    return pixels
+
+
+PICTURE, TABLE = encoded(panel(50)), "<table><tr><td>2.25 ± 0.31</td></tr></table>"
+DRAW = f"display({{'image/png': {PICTURE!r}}}, raw=True)"
+PHOTO = encoded(panel(50), format="JPEG")
+JUNK = base64.b64encode(b"no picture").decode()
+# what is wrong -> the cell's source, its stored outputs, what the failure says ("": it passes)
+CELLS = {
+    "nothing, of a picture": (DRAW, [shown(png=PICTURE)], ""),
+    "nothing, of two": (f"{DRAW}\n{DRAW}", [shown(png=PICTURE)] * 2, ""),
+    "one pixel's rounding": (DRAW, [shown(png=encoded(rounded(panel(50))))], ""),
+    "a moved marker": (DRAW, [shown(png=encoded(panel(55)))], "picture 1 differs"),
+    "21 grey levels": (DRAW, [shown(png=encoded(panel(50, grey=234)))], "by 21.0 grey levels"),
+    "the second of two": (
+        f"{DRAW}\n{DRAW}", [shown(png=PICTURE), shown(png=encoded(panel()))], "picture 2 differs",
+    ),
+    "another size": (DRAW, [shown(png=encoded(panel(50)[1:]))], "by inf grey levels"),
+    "all transparent": (
+        DRAW, [shown(png=encoded(np.zeros((200, 300, 4), dtype=np.uint8)))], "picture 1 differs",
+    ),
+    "a deleted picture": (DRAW, [], "0 pictures are stored, 1 are drawn"),
+    "a picture no longer drawn": ("pass", [shown(png=PICTURE)], "1 pictures are stored, 0 are"),
+    "junk": (DRAW, [shown(png=JUNK)], "picture 1 cannot be read"),
+    "no base64": (DRAW, [shown(png="?")], "picture 1 cannot be read"),
+    "half a picture": (DRAW, [shown(png=PICTURE[:-80])], "picture 1 cannot be read"),
+    "a cell that never ran": (DRAW, [shown(png=PICTURE)], "Unrun reference cell has outputs"),
+    "another photo": (
+        f"display({{'image/jpeg': {PHOTO!r}}}, raw=True)",
+        [shown(jpeg=encoded(panel(80), format="JPEG"))],
+        "picture 1 differs",
+    ),
+    "nothing, of a text": ("print('p = 0.30')", [printed("p = 0.30\n")], ""),
+    "a text": ("print('p = 0.30')", [printed("p = 0.31\n")], "Cell outputs differ"),
+    "nothing, of a table": (f"display({{'text/html': {TABLE!r}}}, raw=True)",
+                            [shown(html=TABLE)], ""),
+    "a number in a table": (
+        f"display({{'text/html': {TABLE!r}}}, raw=True)",
+        [shown(html=TABLE.replace("2.25", "2.26"))],
+        "Cell outputs differ",
+    ),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def failures(tmp_path_factory):
+    """Name of the cell -> how it failed, "" if it did not, where pytest runs as in the project."""
+    project = tmp_path_factory.mktemp("project")
+    for name in ("pyproject.toml", "conftest.py"):
+        shutil.copy(paths.ROOT / name, project)
+    (project / "tests").mkdir()
+    (project / "notebooks").mkdir()
+    cells = [
+        new_code_cell(source, outputs=outputs, execution_count=None if "never" in name else 1)
+        for name, (source, outputs, _) in CELLS.items()
+    ]
+    kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}}
+    nbformat.write(new_notebook(cells=cells, metadata=kernel), project / "notebooks/01_x.ipynb")
+    env = {name: value for name, value in os.environ.items() if "PYTEST" not in name}
+    run = subprocess.run(
+        [sys.executable, "-m", "pytest", "-n0", "--junitxml=report.xml"],
+        cwd=project, env=env, capture_output=True, text=True,
+    )  # fmt: skip
+    assert run.returncode == 1, run.stdout + run.stderr
+    cases = ElementTree.parse(project / "report.xml").iter("testcase")
+    found = {case.get("name"): case.findtext("failure", "") for case in cases}
+    return {name: found[f"Cell {number}"] for number, name in enumerate(CELLS)}
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_an_altered_output_of_a_notebook_fails(failures, name):
+    message = CELLS[name][2]
+    assert message in failures[name]
+    assert bool(message) == bool(failures[name])
+    assert "most recent call last" not in failures[name]
