@@ -35,6 +35,8 @@ from sngr_utils.parameters import (
 )
 
 UNTOUCHED = "published results are untouched"
+# what reading a file that somebody spoiled may raise
+MALFORMED = (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError)
 QUIET_KERNEL = ["--log-level=50"]  # no remarks about its transport or its end
 
 
@@ -69,23 +71,37 @@ def _relative(path: Path) -> str:
 
 def is_fresh(name: str, params: dict[str, Any]) -> bool:
     """Whether the published results are there, whole, and made from what is here now."""
+    inputs = provenance(name, params)
     try:
         result = report.read_json(paths.RESULTS / f"{name}.json")
         stamp = result.pop("provenance")
-        files, content, inputs = stamp["files"], stamp["content"], stamp["inputs"]
-        clocks = paths.RESULTS / f"{name}.timings.json"
-        if clocks.exists():
-            report.read_json(clocks)
-    except (OSError, ValueError, KeyError):
-        return False  # missing, damaged, or of an older make
-    return (
-        inputs == provenance(name, params)
-        and content == _hash(result)
-        and all(
-            (paths.ROOT / file).exists() and digest in ("", _file_hash(paths.ROOT / file))
-            for file, digest in files.items()
+        published = [paths.FIGURES / figure for figure in result["figures"]]
+        published.append(paths.EXECUTED / f"{name}.ipynb")
+        return (
+            stamp["inputs"] == inputs
+            and stamp["content"] == _hash(result)
+            and stamp["files"].keys() >= {_relative(path) for path in published}
+            and all(_is_whole(paths.ROOT / file, was) for file, was in stamp["files"].items())
         )
-    )
+    except MALFORMED:
+        return False  # missing, damaged, or of an older make
+
+
+def _is_whole(path: Path, digest: str) -> bool:
+    """Whether a published file is as it was; without a hash, whether it can be read as its kind.
+
+    Raises
+    ------
+    any of MALFORMED, where it cannot even be looked at
+    """
+    if digest:
+        return _file_hash(path) == digest
+    if path.suffix in (".pdf", ".png"):
+        return path.read_bytes().startswith((b"%PDF", b"\x89PNG"))
+    content = report.read_json(path)
+    if path.suffix == ".ipynb":
+        return bool(content["cells"])
+    return bool(report.latex([], [content]))
 
 
 # --- execution ------------------------------------------------------------------------------

@@ -35,6 +35,8 @@ fig, ax = plt.subplots()
 ax.plot([seed, 1])
 paper.figure(fig, "f")
 paper.value("seed", seed)
+paper.value("clock", 3.0, timing=True)
+paper.figure(fig, "f", timing=True)
 paper.save()
 """
 
@@ -109,6 +111,30 @@ def edit(project, old, new):
     path.write_text(text.replace(old, new))
 
 
+def overwrite(path, content):
+    assert path.exists()
+    path.write_bytes(content) if isinstance(content, bytes) else path.write_text(content)
+
+
+def rewrite(file, old, new):
+    """Replace a piece of a file of the project; it must be there."""
+
+    def spoil(project):
+        text = (project / file).read_text()
+        assert old in text
+        (project / file).write_text(text.replace(old, new, 1))
+
+    return spoil
+
+
+def replace(file, content):
+    return lambda project: overwrite(project / file, content)
+
+
+def remove(file):
+    return lambda project: (project / file).unlink()
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -170,7 +196,9 @@ def test_run_publish_and_freshness(published, capsys):
     figure = paths.FIGURES / f"{NAME}_f.pdf"
     assert set(result["provenance"]["files"]) == {
         f"figures/{NAME}_f.pdf",
+        f"figures/{NAME}_f_timing.pdf",
         f"build/executed/{NAME}.ipynb",
+        f"build/results/{NAME}.timings.json",
     }
     assert figure.exists()
 
@@ -210,7 +238,7 @@ def test_damaged_or_edited_results_are_made_again(published):
     figure.write_bytes(drawn)
     assert run.is_fresh(NAME, params)
     figure.write_bytes(b"damaged")
-    for damage in ("{", good.replace('"value": 0.0', '"value": 7.0'), "{}"):
+    for damage in ("{", good.replace('"value": 0.0', '"value": 7.0'), "[]", "null"):
         assert damage != good
         path.write_text(damage)
         assert not run.is_fresh(NAME, params)
@@ -219,6 +247,57 @@ def test_damaged_or_edited_results_are_made_again(published):
     assert figure.read_bytes() == drawn
     (paths.EXECUTED / f"{NAME}.ipynb").unlink()
     assert not run.is_fresh(NAME, params)
+
+
+def without_a_figure_in_the_list(project):
+    path = project / f"build/results/{NAME}.json"
+    result = report.read_json(path)
+    del result["provenance"]["files"][f"figures/{NAME}_f.pdf"]
+    report.write_json(path, result)
+
+
+RESULT, CLOCKS = f"build/results/{NAME}.json", f"build/results/{NAME}.timings.json"
+EXECUTED, FIGURE = f"build/executed/{NAME}.ipynb", f"figures/{NAME}_f.pdf"
+TIMED = f"figures/{NAME}_f_timing.pdf"
+SPOILED = {
+    **{f"no {file}": remove(file) for file in (RESULT, CLOCKS, EXECUTED, FIGURE, TIMED)},
+    "a result is another": rewrite(RESULT, '"value": 0.0', '"value": 0.1'),
+    "provenance of another form": rewrite(RESULT, '"provenance": {', '"provenance": [], "x": {'),
+    "inputs of another form": rewrite(RESULT, '"inputs": {', '"inputs": null, "x": {'),
+    "files of another form": rewrite(RESULT, '"files": {', '"files": [], "x": {'),
+    "a figure is not in the list of files": without_a_figure_in_the_list,
+    "no values among the clocks": rewrite(CLOCKS, '"values": {', '"values": null, "x": {'),
+    "a clock without a format": rewrite(CLOCKS, '"format"', '"fmt"'),
+    "a figure": replace(FIGURE, b"%PDF"),
+    "a figure of clocks": replace(TIMED, b""),
+    "a parameter": rewrite(f"params/{NAME}.yaml", "range_sigma: 0.2", "range_sigma: 0.21"),
+    "a cell": rewrite(f"notebooks/{NAME}.ipynb", "seed, 1", "seed, 2"),
+    "a sentence of the notebook": rewrite(f"notebooks/{NAME}.ipynb", "hello", "hallo"),
+    "a module": rewrite("sngr_utils/report.py", "STANDARD_ERRORS = 3", "STANDARD_ERRORS = 4"),
+    "a module that a module imports": rewrite("sngr_utils/paths.py", '"""Where', '"""Wo'),
+    "a printed value": rewrite("paper/printed_values.yaml", "rmse: 0.15", "rmse: 0.16"),
+    "the lock": rewrite("environment.lock", "numpy==", "numpy==9"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", SPOILED)
+def test_what_is_damaged_or_altered_is_not_fresh_and_never_typeset(published, capsys, what):
+    assert run.is_fresh(NAME, parameters.read_params(NAME))
+    SPOILED[what](published)
+    assert not run.is_fresh(NAME, parameters.read_params(NAME))
+    assert run.main(["latex"]) == 1
+    assert f"results of {NAME} are missing or stale: run 'make res" in capsys.readouterr().err
+    assert not (published / "paper/generated").exists()
+
+
+@pytest.mark.parametrize("file", [RESULT, CLOCKS, EXECUTED])
+def test_a_malformed_file_is_not_fresh(published, file):
+    params, good = parameters.read_params(NAME), (published / file).read_text()
+    for content in ("", "{", "{}", "[]", "null", "3", '"x"', b"\xff\xfe", "[" * 100_000):
+        overwrite(published / file, content)
+        assert not run.is_fresh(NAME, params), content[:9]
+    overwrite(published / file, good)
+    assert run.is_fresh(NAME, params)
 
 
 def test_a_dead_kernel_is_a_sentence(project, capsys):
@@ -340,9 +419,12 @@ def test_notebook_that_saves_nothing_is_an_error(project):
 
 
 def test_figures_no_longer_drawn_are_removed(published):
-    write_notebook(published, declared_cell(published), BODY.replace('"f"', '"g"'))
+    write_notebook(published, declared_cell(published), BODY.replace('"f")', '"g")'))
     run.run_notebook(NAME)
-    assert sorted(p.name for p in paths.FIGURES.iterdir()) == [f"{NAME}_g.pdf"]
+    assert sorted(p.name for p in paths.FIGURES.iterdir()) == [
+        f"{NAME}_f_timing.pdf",
+        f"{NAME}_g.pdf",
+    ]
 
 
 def test_quick_and_refresh(project):
