@@ -5,14 +5,17 @@ judges, and the notebook cell that shows what decides. It holds no verdict.
 """
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict
-from ruamel.yaml import YAML
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from sngr_utils import paths, printed
+from sngr_utils.contradictions import contradictions
 from sngr_utils.graph import PRESETS
+from sngr_utils.parameters import ProjectError, read_yaml
 
 
 class Entry(BaseModel):
@@ -65,6 +68,16 @@ class ProseEntry(Entry):
     share: float | None = None
     contradicted_by: str | None = None
 
+    @model_validator(mode="after")
+    def _rule_has_what_it_needs(self) -> "ProseEntry":
+        bounded = (self.above, self.at_least, self.at_most) != (-math.inf, -math.inf, math.inf)
+        needs = {"share": ("share", self.share), "rises": ("minus", self.minus)}
+        if self.rule in needs and needs[self.rule][1] is None:
+            raise ValueError(f"the rule {self.rule!r} needs {needs[self.rule][0]!r}")
+        if bounded == (self.rule == "rises"):
+            raise ValueError(f"the rule {self.rule!r} {'has no' if bounded else 'needs a'} bound")
+        return self
+
 
 class Claims(BaseModel):
     """``claims.yaml`` as a whole."""
@@ -78,19 +91,70 @@ class Claims(BaseModel):
 
 @cache
 def read() -> Claims:
-    """``paper/claims.yaml``, checked."""
-    return Claims(**YAML(typ="safe", pure=True).load(paths.CLAIMS))
+    """``paper/claims.yaml``, checked.
+
+    Raises
+    ------
+    ProjectError : missing, not YAML, or not of this form; names the claim and its key
+    """
+    content = read_yaml(paths.CLAIMS)
+    try:
+        return Claims.model_validate(content)
+    except ValidationError as error:
+        raise ProjectError(f"paper/claims.yaml{_first_of(error, content)}") from error
+
+
+def _first_of(error: ValidationError, content: Any) -> str:
+    """The first thing that is wrong, with the id of its claim if it is in one."""
+    first = error.errors()[0]
+    place = first["loc"]
+    entry = content[place[0]][place[1]] if len(place) > 1 else None
+    claim = f", claim {entry.get('id')!r}" if isinstance(entry, dict) else ""
+    shown = ".".join(str(part) for part in (place[2:] if claim else place))
+    return ": ".join(part for part in (claim, shown, first["msg"]) if part)
+
+
+def check() -> None:
+    """Find what is wrong with the claims as far as that needs no results.
+
+    Raises
+    ------
+    ProjectError : ``claims.yaml`` or ``printed_values.yaml`` is missing or broken, or a claim
+        asks for a printed number that is not there
+    """
+    read_yaml(paths.PRINTED_VALUES)
+    with _named("paper/printed_values.yaml"):
+        contradictions(printed.leaves())
+    for entry in [*read().numbers, *read().prose]:
+        with _named(f"paper/claims.yaml, claim {entry.id!r}"):
+            keys = _keys(entry, read().reading)
+            for leaf in entry.leaves().items() if isinstance(entry, NumberEntry) else ():
+                entry.compared(*leaf)
+            if not keys:
+                raise KeyError(entry.printed)
+
+
+@contextmanager
+def _named(where: str) -> Iterator[None]:
+    try:
+        yield
+    except LookupError as error:
+        raise ProjectError(f"{where}: {error} is not among the printed numbers") from error
+    except (ValueError, TypeError) as error:
+        raise ProjectError(f"{where}: {error}") from error
 
 
 def needed(preset: str) -> list[str]:
     """Keys that the claims ask of the notebooks, each once, in order."""
-    keys = []
-    for entry in read().numbers:
-        keys += [key(entry.ours, preset, names) for names in entry.leaves().values()]
-    for entry in read().prose:
-        patterns = [pattern for pattern in (entry.ours, entry.minus) if pattern]
-        keys += [key(pattern, preset, {"p": p}) for pattern in patterns for p in entry.p]
-    return list(dict.fromkeys(keys))
+    entries = [*read().numbers, *read().prose]
+    return list(dict.fromkeys(key for entry in entries for key in _keys(entry, preset)))
+
+
+def _keys(entry: Entry, preset: str) -> list[str]:
+    if isinstance(entry, NumberEntry):
+        return [key(entry.ours, preset, names) for names in entry.leaves().values()]
+    patterns = [pattern for pattern in (entry.ours, entry.minus) if pattern]
+    return [key(pattern, preset, {"p": p}) for pattern in patterns for p in entry.p]
 
 
 def key(pattern: str, preset: str, names: dict[str, str]) -> str:

@@ -56,6 +56,10 @@ def conventions(preset: str, overrides: dict | None = None) -> Conventions:
     """
     if preset not in PRESETS:
         raise ValueError(f"preset is {preset!r}: it must be one of {sorted(PRESETS)}")
+    for field in overrides or {}:
+        if field not in Conventions.model_fields:
+            allowed = ", ".join(Conventions.model_fields)
+            raise ValueError(f"conventions has no field {field!r}: it may set {allowed}")
     return Conventions(**{**PRESETS[preset].model_dump(), **(overrides or {})})
 
 

@@ -79,12 +79,7 @@ def read_params(name: str, folder: Path | None = None) -> dict[str, Any]:
     """
     path = (folder or paths.PARAMS) / f"{name}.yaml"
     where = os.path.relpath(path, paths.ROOT)
-    if not path.exists():
-        raise ProjectError(f"{where} is missing")
-    try:
-        values = YAML(typ="safe", pure=True).load(path)
-    except (YAMLError, OSError, ValueError) as error:
-        raise ProjectError(f"{where} is not valid YAML: {error}") from error
+    values = read_yaml(path)
     if not isinstance(values, dict):
         raise ProjectError(f"{where} must hold 'key: value' lines")
     declared = declared_parameters(name)
@@ -102,6 +97,17 @@ def read_params(name: str, folder: Path | None = None) -> dict[str, Any]:
         _check_type(where, key, annotation, values[key])
     _check_range(where, name, values)
     return values
+
+
+def read_yaml(path: Path) -> Any:
+    """What a YAML file holds, or a ProjectError that says in one line what is wrong with it."""
+    where = os.path.relpath(path, paths.ROOT)
+    if not path.exists():
+        raise ProjectError(f"{where} is missing")
+    try:
+        return YAML(typ="safe", pure=True).load(path)
+    except (YAMLError, OSError, ValueError, RecursionError) as error:
+        raise ProjectError(f"{where} is not valid YAML: {' '.join(str(error).split())}") from error
 
 
 def _check_type(where: str, key: str, annotation: str, value: Any) -> None:

@@ -60,6 +60,8 @@ def number(text: str) -> Printed:
         exact = Decimal(text)
     except ArithmeticError as error:
         raise ValueError(f"{text!r} is not a number") from error
+    if not exact.is_finite():
+        raise ValueError(f"{text!r} is not a number")
     half = 0.5 * 10.0 ** exact.as_tuple().exponent
     value = float(exact)
     return Printed(value, value - half, value + half, max(0, -exact.as_tuple().exponent))
@@ -79,9 +81,21 @@ def ratio(over: Printed, under: Printed, per: float = 1.0) -> Printed:
 
 @cache
 def leaves() -> dict[Path, Printed]:
-    """Every number of ``paper/printed_values.yaml`` by its path, in the order of the file."""
-    tree = YAML(typ="base", pure=True).load(paths.PRINTED_VALUES)
-    return {path: number(text) for path, text in _walk(tree, ())}
+    """Every number of ``paper/printed_values.yaml`` by its path, in the order of the file.
+
+    Raises
+    ------
+    ValueError : not a number, naming its path; or nothing there
+    """
+    tree, found = YAML(typ="base", pure=True).load(paths.PRINTED_VALUES), {}
+    if not isinstance(tree, dict):
+        raise ValueError("it must hold 'table: numbers' lines")
+    for path, text in _walk(tree, ()):
+        try:
+            found[path] = number(text)
+        except ValueError as error:
+            raise ValueError(f"{'/'.join(path)}: {error}") from error
+    return found
 
 
 def _walk(tree: dict | list | str, path: Path) -> Iterator[tuple[Path, str]]:

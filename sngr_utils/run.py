@@ -256,8 +256,10 @@ def write_latex() -> None:
 
     Raises
     ------
-    ProjectError : a notebook's results are missing or stale, or lack what a claim needs
+    ProjectError : a notebook's results are missing or stale, or lack what a claim needs; the
+        claims or the printed values are broken
     """
+    claims.check()
     results, timings = [], []
     for name in notebook_names():
         if not is_fresh(name, read_params(name)):
@@ -281,10 +283,17 @@ def write_latex() -> None:
 
 
 def check() -> dict[str, dict[str, Any]]:
-    """Check the parameters of all notebooks, the quick ones too; returns the full ones."""
+    """Check the parameters of all notebooks, the quick ones too; returns the full ones.
+
+    Also what is not read before all notebooks have run: the claims, the printed values, and the
+    reference they are compared with.
+    """
     for name in notebook_names():
         read_params(name, paths.PARAMS / "quick")
-    return {name: read_params(name) for name in notebook_names()}
+    params = {name: read_params(name) for name in notebook_names()}
+    claims.check()
+    verdict_tables.results_in(paths.REFERENCE)
+    return params
 
 
 def print_stale() -> None:
@@ -301,7 +310,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Command line; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m sngr_utils.run", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
-    commands.add_parser("check", help="check all parameter files")
+    commands.add_parser("check", help="check all parameter files and the claims")
     commands.add_parser("stale", help="print the make targets that are out of date")
     commands.add_parser("latex", help="write paper/generated from fresh results")
     for command, help_text in (

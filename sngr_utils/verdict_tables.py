@@ -1,5 +1,6 @@
 """The verdicts as tables: in the paper, in its appendix, and on the first screen of the README."""
 
+import os
 from pathlib import Path
 
 import pandas as pd
@@ -114,14 +115,30 @@ def readme_block(by_preset: dict[str, list[Row]]) -> str:
 
 
 def results_in(folder: Path) -> dict[str, dict]:
-    """All entries of all notebooks, wall clocks too, from the JSON files of a folder."""
+    """All entries of all notebooks, wall clocks too, from the JSON files of a folder.
+
+    Raises
+    ------
+    ProjectError : a file is damaged
+    """
     merged: dict[str, dict] = {}
     for name in notebook_names():
         for path in (folder / f"{name}.json", folder / f"{name}.timings.json"):
             if path.exists():
-                content = report.read_json(path)
-                merged |= report.entries(content) if "values" in content else content
+                try:
+                    merged |= _entries_in(path)
+                except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+                    where = os.path.relpath(path, paths.ROOT)
+                    raise ProjectError(f"{where} is damaged: {error!r}") from error
     return merged
+
+
+def _entries_in(path: Path) -> dict[str, dict]:
+    content = report.read_json(path)
+    found = report.entries(content) if "values" in content else content
+    if not all("value" in entry for entry in found.values()):
+        raise ValueError("an entry has no value")
+    return found
 
 
 def update_readme(results: dict[str, dict]) -> None:

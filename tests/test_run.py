@@ -1,6 +1,7 @@
 """The headless runner on a small project of its own: bad input, failure, freshness."""
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -14,7 +15,7 @@ import pytest
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 
 import sngr_utils
-from sngr_utils import claims, dependencies, parameters, paths, report, run
+from sngr_utils import claims, dependencies, parameters, paths, printed, report, run
 
 NAME = "01_bimodal"
 CLAIMS = f"""
@@ -60,14 +61,16 @@ def make_project(folder):
 @contextmanager
 def at_home_in(folder):
     """All of the project's paths lead into a folder, and grimp reads the package there."""
-    root = paths.ROOT
-    claims.read.cache_clear()
+    root, cached = paths.ROOT, (claims.read, printed.leaves, report.printed_values)
+    for read in cached:
+        read.cache_clear()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sngr_utils, "__spec__", PathFinder.find_spec("sngr_utils", [str(folder)]))
         for name in [name for name in vars(paths) if name.isupper()]:
             patch.setattr(paths, name, folder / getattr(paths, name).relative_to(root))
         yield folder
-    claims.read.cache_clear()
+    for read in cached:
+        read.cache_clear()
 
 
 @pytest.fixture
@@ -161,6 +164,85 @@ def test_bad_parameters_name_file_and_key(project, capsys, old, new, message):
 def test_scientific_notation_is_a_number(project):
     edit(project, "range_sigma: 0.2", "range_sigma: 2e-1")
     assert parameters.read_params(NAME)["range_sigma"] == 0.2
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (rewrite("paper/claims.yaml", "rule: value", "rule: valu"), "claim 'small': rule: Input"),
+        (rewrite("paper/claims.yaml", "rule: value", "rul: value"), "claim 'small': rule: Field"),
+        (rewrite("paper/claims.yaml", "rule: value", "rule: share"), "needs 'share'"),
+        (rewrite("paper/claims.yaml", "rule: value", "rule: rises"), "needs 'minus'"),
+        (rewrite("paper/claims.yaml", ", at_most: 9", ""), "'value' needs a bound"),
+        (rewrite("paper/claims.yaml", "at_most: 9", "at_most: nine"), "at_most: Input should be"),
+        (
+            rewrite("paper/claims.yaml", "ours: seed, at", "ours: 's{q}', at"),
+            "'small': 'q' is not among",
+        ),
+        (
+            rewrite("paper/claims.yaml", "baseline/0.0", "base/0.0"),
+            "'seed': 'base/0.0/triggered' is not",
+        ),
+        (
+            rewrite("paper/claims.yaml", "rule: d", "ratio: [a/b, a/c], rule: d"),
+            "'seed': .'a', 'b'. is not",
+        ),
+        (rewrite("paper/claims.yaml", "reading: C", "reading: D"), "reading: Input should be 'A'"),
+        (rewrite("paper/claims.yaml", "reading: C", "reading: C\nreading: C"), "duplicate key"),
+        (rewrite("paper/claims.yaml", "reading: C", "reading: [C"), "not valid YAML"),
+        (rewrite("paper/claims.yaml", "reading: C", "raeding: C"), "reading: Field required"),
+        (replace("paper/claims.yaml", ""), "valid dictionary"),
+        (replace("paper/claims.yaml", "[]"), "valid dictionary"),
+        (remove("paper/claims.yaml"), "is missing"),
+        (rewrite("paper/printed_values.yaml", "-12.50", "about 12"), "'about 12' is not a number"),
+        (rewrite("paper/printed_values.yaml", "-12.50", ".nan"), "loglik_map: '.nan' is not"),
+        (rewrite("paper/printed_values.yaml", "loglik_map:", "x:"), "'loglik_map',. is not among"),
+        (rewrite("paper/printed_values.yaml", "-12.50", "[-12.50"), "not valid YAML"),
+        (replace("paper/printed_values.yaml", ""), "must hold 'table: numbers' lines"),
+        (remove("paper/printed_values.yaml"), "is missing"),
+    ],
+)
+def test_what_is_read_after_the_notebooks_is_checked_before(project, capsys, spoil, message):
+    spoil(project)
+    for command in ("check", "latex"):
+        assert run.main([command]) == 1
+        shown = capsys.readouterr()
+        assert shown.out == ""
+        assert re.fullmatch(
+            rf"error: paper/(claims|printed_values)\.yaml.*{message}.*\n", shown.err
+        )
+
+
+def test_a_sound_project_passes_the_check(project, capsys):
+    assert run.main(["check"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("content", ["{", "[]", "null", '{"k": 3}', '{"k": {}}'])
+def test_a_damaged_reference_is_named_before_the_notebooks_run(project, capsys, content):
+    (project / "paper/reference").mkdir()
+    (project / f"paper/reference/{NAME}.json").write_text(content)
+    assert run.main(["check"]) == 1
+    assert f"error: paper/reference/{NAME}.json is damaged" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("{1: 2}", "conventions has no field 1: it may set x0_sigmas, "),
+        ("{null: 1}", "conventions has no field None"),
+        ("{skip: 1}", "conventions has no field 'skip'"),
+        ("{nees_frame: 1}", "nees_frame is 1: Input should be 'world' or 'body'"),
+        ("[1]", "conventions is .1.: Input should be a valid dict"),
+    ],
+)
+def test_a_convention_that_does_not_exist_is_a_sentence(tmp_path, given, message):
+    text = (paths.PARAMS / "02_trigger_sweep.yaml").read_text()
+    assert "conventions: {}" in text
+    written = text.replace("conventions: {}", f"conventions: {given}")
+    (tmp_path / "02_trigger_sweep.yaml").write_text(written)
+    with pytest.raises(parameters.ProjectError, match=rf"^.*02_trigger_sweep\.yaml: .*{message}"):
+        parameters.read_params("02_trigger_sweep", tmp_path)
 
 
 def test_missing_files_are_named(project):
