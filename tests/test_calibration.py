@@ -54,6 +54,15 @@ def test_interval_of_a_quantile_covers_and_no_more(n):
         assert high == np.inf  # thirty scores hold no upper limit of their 95 % quantile
 
 
+def test_interval_of_a_low_quantile_is_that_of_a_high_one_turned_round():
+    """Thirty scores hold no lower limit of their 5 % quantile, as no upper one of the 95 %."""
+    scores = np.arange(30.0)
+    low, high = calibration.quantile_interval(scores, 0.95)
+    turned = calibration.quantile_interval(-scores, 0.05)
+    assert (low, high) == (-turned[1], -turned[0])
+    assert low == -np.inf < 0 < high < np.inf
+
+
 @pytest.mark.parametrize("alpha", [0.0, 1.0, -0.1])
 def test_bad_arguments_are_named(alpha):
     with pytest.raises(ValueError, match="alpha"):

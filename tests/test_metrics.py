@@ -1,3 +1,5 @@
+import warnings
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -5,9 +7,17 @@ from scipy import stats
 from sngr_utils import metrics
 
 
-def test_rmse_closed_form_and_missing_rows():
-    truth = np.zeros((3, 2))
-    estimate = np.array([[3.0, 4.0], [np.nan, np.nan], [0.0, 0.0]])
+@pytest.fixture
+def silent():
+    """What is undefined is said by a NaN, not by a warning as well."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        yield
+
+
+def test_rmse_closed_form_and_missing_rows(silent):
+    truth = np.array([[1.0, -2.0], [0.0, 0.0], [5.0, 5.0]])
+    estimate = truth + np.array([[3.0, 4.0], [np.nan, np.nan], [0.0, 0.0]])
     assert metrics.rmse(estimate, truth) == pytest.approx(np.sqrt(12.5))
     assert np.isnan(metrics.rmse(estimate[1:2], truth[1:2]))
 
@@ -45,8 +55,9 @@ def test_detection_without_triggers_or_failures():
 
 
 def test_bimodality_of_two_spikes_and_of_a_weighted_sample():
-    spikes = np.array([-1.0, 1.0])
-    assert metrics.bimodality_coefficient(spikes, np.ones(2)) == pytest.approx(1)
+    spikes = np.array([-1.0, 4.0])
+    for masses in ([1.0, 1.0], [0.2, 0.8], [9.0, 1.0]):
+        assert metrics.bimodality_coefficient(spikes, np.array(masses)) == pytest.approx(1)
     # a weight of two is a point drawn twice
     x = np.array([0.0, 1.0, 5.0])
     assert metrics.bimodality_coefficient(x, np.array([1.0, 2.0, 1.0])) == pytest.approx(
@@ -112,15 +123,43 @@ def test_auc_within_worlds_is_not_fooled_by_their_levels():
     assert alone[2] == 0
 
 
-def test_auc_within_one_world_is_the_auc():
+def test_auc_within_one_world_is_the_auc_and_halves_ties():
     rng = np.random.default_rng(2)
-    scores, truth = rng.normal(size=40), rng.random(40) < 0.4
+    scores, truth = rng.integers(0, 5, size=40).astype(float), rng.random(40) < 0.4
     within, _, _ = metrics.within_auc(scores, truth, np.zeros(40), rng=rng)
     assert within == pytest.approx(metrics.roc_auc(scores, truth))
+    tied = metrics.within_auc(np.ones(2), np.array([True, False]), np.zeros(2), rng=rng)
+    assert tied[0] == 0.5
+
+
+@pytest.mark.parametrize("n", [4, 5])
+def test_auc_within_has_an_interval_from_five_worlds_on(n):
+    """One pair a world, the first lost: the interval reaches 1 where that world is not drawn."""
+    scores = np.tile([0.0, 1.0], n)
+    truth, worlds = np.tile([False, True], n), np.repeat(np.arange(n), 2)
+    truth[:2] = [True, False]
+    within, (low, high), counted = metrics.within_auc(
+        scores, truth, worlds, rng=np.random.default_rng(0)
+    )
+    assert (within, counted) == (1 - 1 / n, n)
+    assert np.isnan([low, high]).all() if n < 5 else low < within < high == 1
+
+
+def test_interval_of_auc_within_is_that_of_drawn_worlds():
+    """30 of 50 worlds won, one pair each: won pairs of a draw are binomial(50, 0.6) of 50.
+
+    The ends of 2000 draws are the law's 2.5 % quantiles or next to them, but for 2e-10.
+    """
+    scores, worlds = np.tile([0.0, 1.0], 50), np.repeat(np.arange(50), 2)
+    truth = np.tile([False, True], 50)
+    truth[60:] = ~truth[60:]
+    _, ends, _ = metrics.within_auc(scores, truth, worlds, rng=np.random.default_rng(0))
+    law = stats.binom(50, 0.6)
+    assert 50 * np.array(ends) == pytest.approx([law.ppf(0.025), law.ppf(0.975)], abs=1.01)
 
 
 @pytest.mark.parametrize("value", [True, False])
-def test_an_empty_class_has_no_area_and_no_curve(value):
+def test_an_empty_class_has_no_area_and_no_curve(value, silent):
     truth = np.full(3, value)
     assert np.isnan(metrics.roc_auc(np.arange(3.0), truth))
     assert np.isnan(metrics.average_precision(np.arange(3.0), truth))

@@ -3,7 +3,17 @@
 import dynesty
 import numpy as np
 
-from sngr_utils import bimodal, cost, full_sngr, graph, nested, refine, trigger_sweep, windows, world
+from sngr_utils import (
+    bimodal,
+    cost,
+    full_sngr,
+    graph,
+    nested,
+    refine,
+    trigger_sweep,
+    windows,
+    world,
+)
 
 
 def test_scenario():

@@ -91,6 +91,24 @@ def test_trend():
     assert not rules.trend(np.full(30, math.nan), last[0], "rises")
 
 
+@pytest.mark.parametrize(("excess", "seen"), [(-0.01, False), (0.01, True)])
+@pytest.mark.parametrize("direction", ["rises", "falls"])
+def test_trend_is_seen_from_the_tabled_t_on(excess, seen, direction):
+    """Student's t for 29 degrees of freedom and 2.5 % in one tail is 2.045, in any table."""
+    noise = np.random.default_rng(6).normal(size=30)
+    noise = (noise - noise.mean()) / noise.std(ddof=1)  # its mean has a standard error of 30^-1/2
+    last = noise + (2.045 + excess) / math.sqrt(30)
+    ends = (np.zeros(30), last) if direction == "rises" else (last, np.zeros(30))
+    assert rules.trend(*ends, direction) is seen
+
+
+def test_trend_of_worlds_defined_at_both_ends():
+    """Two worlds may do, if they agree; one says nothing, and an undefined one does not count."""
+    both = np.array([1.0, 1.01, math.nan])
+    assert rules.trend(np.zeros(3), both, "rises")
+    assert not rules.trend(np.zeros(3), np.array([1.0, math.nan, math.inf]), "rises")
+
+
 @pytest.mark.parametrize(
     ("ours", "verdict"),
     [(600, "reproduced"), (250, "reproduced"), (1590, "reproduced"), (100, "trend reproduced"),
