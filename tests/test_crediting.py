@@ -1,0 +1,256 @@
+"""Innovations and decisions about single ranges, each against what can be worked out by hand."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from sngr_utils import crediting, world
+from sngr_utils.crediting import DROPPED, Innovations
+
+SIGMA = 0.1
+
+
+def scans(label_of, pose_of=None, n_landmarks=3, ranges=None):
+    """A world of which the ranges, their poses and their labels count."""
+    labels = np.array(label_of)
+    poses = np.zeros(len(labels), dtype=int) if pose_of is None else np.array(pose_of)
+    measured = np.full(len(labels), 5.0) if ranges is None else np.array(ranges)
+    n_poses = poses.max() + 1
+    return world.World(
+        np.full((n_poses, 3), np.nan), np.full((n_landmarks, 2), np.nan),
+        np.zeros((n_poses - 1, 3)), poses, labels, np.full(len(labels), -1), measured,
+        world.Scenario(range_sigma=SIGMA), np.zeros(3),
+    )  # fmt: skip
+
+
+def innovations(squared, variance=0.01):
+    """What has these squared normalised innovations, all of one variance."""
+    squared = np.array(squared, dtype=float)
+    return Innovations(np.sqrt(squared * variance), np.where(np.isnan(squared), squared, variance))
+
+
+def decide(data, found, used=None, p=0.2, exclusive=False, swap=True):
+    used = data.label_of if used is None else np.array(used)
+    return crediting.decide(data, found, used, p, exclusive, swap)
+
+
+# --- innovations ----------------------------------------------------------------------------
+
+
+def test_nowhere_is_the_last_column():
+    credit = crediting.nowhere(2, 3)
+    assert credit.used.tolist() == [DROPPED, DROPPED]
+    assert credit.weights.tolist() == [[0, 0, 0, 1]] * 2
+
+
+def test_exact_innovations():
+    data = scans([0, 1], pose_of=[0, 1], n_landmarks=2, ranges=[5.5, 3.0])
+    poses = np.array([[1.0, 1.0, 0.4], [1.0, -3.0, 2.0]])
+    landmarks = np.array([[4.0, 5.0], [np.nan, np.nan]])
+    found = crediting.exact(data, poses, landmarks)
+    assert found.residuals[:, 0] == pytest.approx([0.5, 3.0 - np.hypot(3, 8)])
+    assert found.variances[:, 0] == pytest.approx([0.01, 0.01])
+    assert found.squared[0, 0] == pytest.approx(25)
+    assert np.isnan(found.residuals[:, 1]).all()
+    assert np.isnan(found.variances[:, 1]).all()
+
+
+@pytest.fixture
+def joint():
+    """Two poses, two landmarks, and a joint covariance of [x0, x1, l0, l1], small ones."""
+    poses = np.array([[0.5, -1.0, 0.7], [2.0, 0.3, -2.1]])
+    landmarks = np.array([[4.0, 1.0], [-1.0, 3.0]])
+    root = 0.02 * np.random.default_rng(0).normal(size=(10, 10))
+    return poses, landmarks, root @ root.T
+
+
+def blocks(covariance):
+    return SimpleNamespace(
+        poses=np.array([covariance[:3, :3], covariance[3:6, 3:6]]),
+        pose_landmark=np.array([covariance[:3, 6:], covariance[3:6, 6:]]),
+        landmarks=covariance[6:, 6:],
+    )
+
+
+def distance(poses, landmarks, t, k, xi):
+    """Of pose t, moved by xi in its own frame, and landmark k, moved likewise in the plane."""
+    cos, sin = np.cos(poses[t, 2]), np.sin(poses[t, 2])
+    x, y = xi[3 * t : 3 * t + 2]
+    place = poses[t, :2] + [cos * x - sin * y, sin * x + cos * y]
+    return np.linalg.norm(place - landmarks[k] - xi[6 + 2 * k : 8 + 2 * k])
+
+
+def test_variance_of_a_range_not_in_the_graph_is_that_of_the_distance_and_the_noise(joint):
+    """First order: the gradient of the distance by differences, and the joint covariance."""
+    poses, landmarks, covariance = joint
+    data = scans([0, 1, 0], pose_of=[0, 0, 1], n_landmarks=2, ranges=[4.0, 4.5, 2.0])
+    found = crediting.innovations(data, poses, landmarks, np.full(3, DROPPED), blocks(covariance))
+    for m, k in np.ndindex(3, 2):
+        t = data.pose_of[m]
+        ends = np.array([
+            [distance(poses, landmarks, t, k, s * 1e-6 * axis) for axis in np.eye(10)]
+            for s in (1, -1)
+        ])
+        gradient = (ends[0] - ends[1]) / 2e-6
+        spread = gradient @ covariance @ gradient
+        assert spread > 1e-4
+        assert found.variances[m, k] == pytest.approx(spread + SIGMA**2, rel=1e-6)
+        expected = data.ranges[m] - distance(poses, landmarks, t, k, np.zeros(10))
+        assert found.residuals[m, k] == pytest.approx(expected)
+
+
+def test_a_range_in_the_graph_is_predicted_without_itself(joint):
+    """One number with variance s before and z measured: the Kalman gain is s / (s + noise), so the
+    innovation has variance s + noise, and is larger than the residual by (s + noise) / noise."""
+    poses, landmarks, covariance = joint
+    data = scans([0, 1], n_landmarks=2, ranges=[4.0, 4.5])
+    outside, inside = (
+        crediting.innovations(data, poses, landmarks, np.array(used), blocks(covariance))
+        for used in ([DROPPED, DROPPED], [0, DROPPED])
+    )
+    after, noise = outside.variances[0, 0] - SIGMA**2, SIGMA**2
+    before = after * noise / (noise - after)
+    assert before * noise / (before + noise) == pytest.approx(after)
+    assert inside.variances[0, 0] == pytest.approx(before + noise)
+    gain = (before + noise) / noise
+    assert inside.residuals[0, 0] == pytest.approx(outside.residuals[0, 0] * gain)
+    for ours, theirs in ((inside.variances, outside.variances),
+                         (inside.residuals, outside.residuals)):  # fmt: skip
+        assert np.array_equal(np.delete(ours, 0), np.delete(theirs, 0))
+
+
+def test_a_range_that_alone_holds_its_place_says_nothing_of_it(joint):
+    """As much variance as the noise, or more by rounding: a vague prediction, no negative one."""
+    poses, landmarks, covariance = joint
+    data = scans([0], n_landmarks=2, ranges=[4.0])
+    found = crediting.innovations(data, poses, landmarks, np.array([0]), blocks(1e3 * covariance))
+    assert found.variances[0, 0] > 100 * SIGMA**2
+
+
+# --- decisions ------------------------------------------------------------------------------
+
+
+def test_labels_that_fit_are_kept_at_no_cost():
+    data = scans([0, 1, 2])
+    credit = decide(data, innovations(np.diag([0.0, 1.0, 6.0]) + 50 * (1 - np.eye(3))))
+    assert credit.used.tolist() == [0, 1, 2]
+    assert credit.weights.tolist() == np.eye(4)[:3].tolist()
+
+
+@pytest.mark.parametrize(("squared", "asked"), [(6.63, False), (6.64, True)])
+def test_the_gate_is_the_99_percent_quantile(squared, asked):
+    """Chi-square with one degree of freedom: 6.635 in any table."""
+    data = scans([0])
+    credit = decide(data, innovations([[squared, 40.0, 40.0]]))
+    assert (credit.weights[0, 0] < 1) == asked
+
+
+@pytest.mark.parametrize(("sigma", "asked"), [(0.499, False), (0.501, True)])
+def test_a_prediction_of_half_a_metre_is_too_vague_to_keep_a_label(sigma, asked):
+    credit = decide(scans([0]), innovations([[0.0, 40.0, 40.0]], variance=sigma**2))
+    assert (credit.weights[0, 0] < 1) == asked
+    assert credit.used[0] == (DROPPED if asked else 0)
+
+
+def test_a_doubt_puts_its_own_scan_in_question_and_no_other():
+    data = scans([0, 1, 0, 1], pose_of=[0, 0, 1, 1])
+    found = innovations([[9, 0, 40], [40, 1, 40], [1, 40, 40], [40, 1, 40]])
+    credit = decide(data, found)
+    assert (credit.weights[:2].max(axis=1) < 1).all()
+    assert (credit.weights[2:].max(axis=1) == 1).all()
+    assert credit.weights.sum(axis=1) == pytest.approx(np.ones(4))
+
+
+def test_a_range_that_was_dropped_or_swapped_is_asked_again():
+    data = scans([0, 1], pose_of=[0, 1])
+    found = innovations([[1, 40, 40], [40, 1, 40]])
+    assert (decide(data, found, used=[0, 1]).weights.max(axis=1) == 1).all()
+    for before in (DROPPED, 2):
+        again = decide(data, found, used=[before, 1])
+        assert again.weights[0].max() < 1 == again.weights[1].max()
+        assert again.used.tolist() == [0, 1]  # it fits its label after all
+
+
+def bayes(squared, label, p, variance=0.01):
+    """Posterior over landmarks of one range, from densities."""
+    prior = np.full(len(squared), p / (len(squared) - 1))
+    prior[label] = 1 - p
+    weight = prior * stats.norm.pdf(np.sqrt(np.array(squared) * variance), 0, np.sqrt(variance))
+    return weight / weight.sum()
+
+
+def test_weights_are_bayes():
+    squared = [8.0, 3.0, 5.0]
+    credit = decide(scans([0]), innovations([squared]), p=0.3)
+    assert credit.weights[0, :3] == pytest.approx(bayes(squared, 0, 0.3))
+    assert credit.weights[0, 3] == 0
+
+
+@pytest.mark.parametrize("share", [0.59, 0.61])
+def test_a_range_goes_where_six_tenths_of_its_posterior_are(share):
+    """At equal priors, p = 2/3, two landmarks fit, the first by log(share / (1 - share)) more."""
+    gap = 2 * np.log(share / (1 - share))
+    credit = decide(scans([2]), innovations([[1.0, 1.0 + gap, 900.0]]), p=2 / 3)
+    assert credit.weights[0, 0] == pytest.approx(share)
+    assert credit.used[0] == (0 if share > 0.6 else DROPPED)
+
+
+@pytest.mark.parametrize(("squared", "credited"), [(23.9, True), (24.0, False)])
+def test_what_happens_once_in_a_million_is_impossible(squared, credited):
+    """Chi-square with one degree of freedom exceeds 23.93 once in a million times."""
+    credit = decide(scans([1]), innovations([[squared, 400.0, 400.0]]))
+    assert credit.weights[0, 0] == pytest.approx(1)
+    assert credit.used[0] == (0 if credited else DROPPED)
+
+
+def test_without_swaps_a_range_keeps_its_label_or_is_dropped():
+    data = scans([0, 1], pose_of=[0, 1])
+    found = innovations([[90, 0, 90], [90, 8, 90]])
+    assert decide(data, found).used.tolist() == [1, 1]
+    assert decide(data, found, swap=False).used.tolist() == [DROPPED, 1]
+
+
+def test_no_range_goes_to_a_vague_landmark():
+    data = scans([1])
+    found = innovations([[0.0, 90.0, 90.0]])
+    assert decide(data, found).used[0] == 0
+    found.variances[0, 0] = 0.26
+    assert decide(data, found).used[0] == DROPPED
+
+
+def test_exclusion_leaves_one_range_to_a_landmark():
+    """Both ranges fit landmark 0, the second nothing else; the first then came from landmark 1."""
+    data = scans([0, 2])
+    found = innovations([[7.0, 7.5, 900.0], [1.0, 900.0, 900.0]])
+    alone, together = (decide(data, found, exclusive=e, p=0.5) for e in (False, True))
+    assert alone.used.tolist() == [0, 0]
+    assert together.used.tolist() == [1, 0]
+    assert together.weights[0, 1] == pytest.approx(1)
+
+
+def test_what_no_known_landmark_explains_came_from_one_that_is_not_in_the_map():
+    """Uniform up to the longest range, 5 m, with the prior of all that are absent."""
+    data = scans([0, 2], pose_of=[0, 1])
+    found = innovations([[2.0, np.nan, np.nan], [12.0, np.nan, np.nan]])
+    credit = decide(data, found, used=[DROPPED, DROPPED], p=0.4)
+    densities = stats.norm.pdf(np.sqrt([0.02, 0.12]), 0, 0.1)
+    for m, prior in enumerate([(0.6, 0.4), (0.2, 0.8)]):
+        known, absent = prior[0] * densities[m], prior[1] / 5.0
+        expected = [known / (known + absent), 0, 0, absent / (known + absent)]
+        assert credit.weights[m] == pytest.approx(expected)
+    assert credit.used.tolist() == [0, DROPPED]
+
+
+def test_log_weights_are_prior_times_density():
+    data = scans([0, 1], ranges=[5.0, 7.0])
+    found = innovations([[1.0, 4.0, np.nan], [9.0, 0.0, np.nan]], variance=0.04)
+    logs = crediting.log_weights(data, found, 0.3)
+    density = stats.norm.pdf(np.sqrt(found.squared[:, :2] * 0.04), 0, 0.2)
+    prior = np.array([[0.7, 0.15], [0.15, 0.7]])
+    assert np.exp(logs[:, :2]) == pytest.approx(prior * density)
+    assert np.isneginf(logs[:, 2]).all()
+    assert np.exp(logs[:, 3]) == pytest.approx(0.15 / 7)
+    everywhere = crediting.log_weights(data, innovations(np.ones((2, 3))), 0.3)
+    assert np.isneginf(everywhere[:, 3]).all()
