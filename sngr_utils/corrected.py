@@ -113,7 +113,7 @@ class NoiseGate(refine.Gate):
     def false_refusal(self, dimension: int, effective: float) -> float:
         """Probability that the exact mode of a Gaussian posterior is refused by noise alone.
 
-        0.0098 for d = 9 and 0.0056 for d = 27 at three sigmas and no tolerance.
+        0.0098 for d = 9 and 0.0059 for d = 27 at three sigmas and no tolerance.
         """
         return float(stats.chi2.sf(2 * effective * self.slack(dimension, effective), dimension))
 

@@ -3,6 +3,7 @@ import joblib
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
+from scipy import stats
 
 from sngr_utils import (
     baseline,
@@ -128,6 +129,23 @@ def test_false_refusals_are_as_many_as_the_gate_says():
     assert corrected.NoiseGate().false_refusal(9, 500) < 0.01
 
 
+@pytest.mark.parametrize(("d", "n", "sigmas"), [(9, 500.0, 3.0), (27, 80.0, 0.0), (2, 1.0, 1.5)])
+def test_the_gate_forgives_the_mean_loss_and_some_of_its_deviations(d, n, sigmas):
+    """The loss of a mean of n samples is chi-square with d degrees of freedom over 2 n."""
+    gate = corrected.NoiseGate(gate_tolerance=0.01, gate_sigmas=sigmas)
+    law = stats.chi2(d, scale=1 / (2 * n))
+    assert gate.slack(d, n) == pytest.approx(0.01 + law.mean() + sigmas * law.std())
+    assert gate.false_refusal(d, n) == pytest.approx(law.sf(gate.slack(d, n)))
+
+
+def test_the_gate_forgives_three_deviations_of_the_papers_tolerance():
+    """And refuses the exact mode as seldom as its docstring says."""
+    assert corrected.NoiseGate().model_dump() == {"gate_tolerance": 1e-3, "gate_sigmas": 3.0}
+    bare = corrected.NoiseGate(gate_tolerance=0.0)
+    assert bare.false_refusal(9, 500) == pytest.approx(0.0098, abs=5e-5)
+    assert bare.false_refusal(27, 500) == pytest.approx(0.0059, abs=5e-5)
+
+
 def test_laplace_is_exact_for_a_gaussian():
     rng = np.random.default_rng(0)
     root = rng.normal(size=(9, 9))
@@ -142,6 +160,16 @@ def test_laplace_is_exact_for_a_gaussian():
     assert abs(run.log_evidence - log_z) < 5 * run.log_evidence_error
     other = importance.sample(factors, cholesky, importance.FastSettings(), rng=rng)
     assert abs(other.log_evidence - log_z) < 5 * other.log_evidence_error
+
+
+@pytest.mark.parametrize("bend", [-0.5, -0.99, 24.0])
+def test_laplace_needs_a_peak_not_a_sharp_one(bend):
+    """Likelihoods that flatten the unit prior or sharpen it: precision 1 + bend on every axis."""
+    factors = sampler_audit.gaussian_factors(bend * np.eye(3))
+    found = laplace.laplace(factors, np.eye(3), np.full(3, 0.7))
+    assert found.covariance == pytest.approx(np.eye(3) / (1 + bend), abs=1e-6 / (1 + bend))
+    assert found.mode == pytest.approx(np.zeros(3), abs=1e-6)
+    assert found.log_evidence == pytest.approx(-1.5 * np.log(1 + bend), abs=1e-6)
 
 
 def test_no_laplace_at_a_saddle():

@@ -37,6 +37,12 @@ def test_disagreement_with_the_truth_is_failure(run):
     assert np.array_equal(against_truth > windows.FAILURE_ERROR, windows.failures(errors))
 
 
+def test_disagreement_is_a_mean_distance_in_metres_whatever_the_headings():
+    reference = np.zeros((5, 3))
+    poses = np.array([[3.0, 4, 9], [0, 0, 9], [0, 1, 9], [2, 0, 9], [0, 0, 9]])
+    assert detectors.disagreement(poses, reference) == pytest.approx([2.0, 1.0, 1.0])
+
+
 def test_disagreement_in_sigmas_has_its_law(run):
     """The truth drawn about the reference: the distance to it, over sigma_D, has unit variance.
 
@@ -88,6 +94,53 @@ def test_mirror_weight_on_a_line_and_round_a_bend():
     turned = detectors.mirror_weight(replace(line, ranges=distance), bent, landmarks)
     assert turned[:4] == pytest.approx(0.5)  # still on the straight part
     assert (turned[5:] < 1e-6).all()
+
+
+def test_mirror_weight_is_asked_of_windows_that_see_the_landmark():
+    """Seen from poses 4 to 6 on a line: by windows 2 to 6, of which each sees one range or more."""
+    line = straight(10, [4.0, 3.0])
+    seen = line.keep((line.pose_of >= 4) & (line.pose_of <= 6))
+    landmarks = np.array([[np.nan, np.nan], [4.0, 3.0]])
+    assert not detectors.mirror_weight(seen, line.poses, landmarks).any()  # those of an absent one
+    seen = replace(seen, label_of=seen.label_of + 1)
+    got = detectors.mirror_weight(seen, line.poses, landmarks)
+    assert got == pytest.approx([0, 0, 0.5, 0.5, 0.5, 0.5, 0.5, 0])
+
+
+def test_mirror_weight_is_the_largest_of_the_landmarks_and_of_the_ranges_so_far():
+    """Landmark 0 is told from its image by the bend at pose 6; 1 was seen from the line only."""
+    line = straight(10, [4.0, 3.0])
+    bent = line.poses.copy()
+    bent[6:, 1] = 2.0 * np.arange(1, 5)
+    landmarks = np.array([[4.0, 3.0], [2.0, -2.0]])
+    both = [np.linalg.norm(bent[:, :2] - spot, axis=1) for spot in landmarks]
+    data = replace(
+        line, ranges=np.concatenate([both[0], both[1][:8]]),
+        pose_of=np.r_[np.arange(10), np.arange(8)], label_of=np.repeat([0, 1], [10, 8]),
+        source_of=np.repeat([0, 1], [10, 8]),
+    )  # fmt: skip
+    data = data.keep(np.argsort(data.pose_of, kind="stable"))
+    first, second = (
+        detectors.mirror_weight(data.keep(data.label_of == k), bent, landmarks) for k in (0, 1)
+    )
+    got = detectors.mirror_weight(data, bent, landmarks)
+    assert got == pytest.approx(np.maximum(first, second))
+    assert second[3] == pytest.approx(0.5)
+    assert first[7] < 1e-6
+
+
+def test_mirror_weight_knows_the_noise():
+    """Ranges off by 0.3 m on one side: the image costs as much more as the noise is smaller."""
+    line = straight(6, [3.0, 2.0])
+    bent = line.poses.copy()
+    bent[3:, 1] = 0.3
+    distance = np.linalg.norm(bent[:, :2] - [3.0, 2.0], axis=1)
+    landmarks, gaps = np.array([[3.0, 2.0], [np.nan, np.nan]]), []
+    for sigma in (0.3, 0.6):
+        data = replace(line, ranges=distance, scenario=world.Scenario(n_poses=6, range_sigma=sigma))
+        weight = detectors.mirror_weight(data, bent, landmarks)[-1]
+        gaps.append(np.log(1 / weight - 1))
+    assert gaps[0] == pytest.approx(4 * gaps[1], rel=1e-6)
 
 
 def test_either_is_bonferroni():

@@ -6,7 +6,17 @@ import re
 import numpy as np
 import pytest
 
-from sngr_utils import claims, parameters, paths, printed, report, rules, verdict_tables, verdicts
+from sngr_utils import (
+    claims,
+    contradictions,
+    parameters,
+    paths,
+    printed,
+    report,
+    rules,
+    verdict_tables,
+    verdicts,
+)
 
 VALUES = {  # handed on as single values; all other keys are samples
     "bimodal.map_x", "bimodal.map_y", "bimodal.loglik_saddle_as_printed", "bimodal.map_distance",
@@ -143,6 +153,104 @@ def test_prose_is_judged_world_by_world(results):
     assert row(results, "saddle").verdict == "not reproduced"
     results["bimodal.map_y"] = value(1e-17)
     assert row(results, "saddle").verdict == "reproduced"
+
+
+def prose(**changes):
+    """A claim in words about the samples "x" and, if it says so, "y"."""
+    given = {
+        "id": "made", "where": "sec", "says": "so", "ours": "x", "rule": "share", "share": 0.8,
+        "notebook": "05_audit", "cell": "claim", **changes,
+    }  # fmt: skip
+    return claims.ProseEntry(**given)
+
+
+def judged(entry, results, clashes=()):
+    (found,) = verdicts._prose(entry, results, "C", list(clashes))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("bounds", "expected"),
+    [
+        ({"above": 1.0}, [False, False, True, True]),
+        ({"at_least": 1.0}, [False, True, True, True]),
+        ({"at_most": 1.0}, [True, True, False, False]),
+        ({"at_least": 1.0, "at_most": 2.0}, [False, True, True, False]),
+        ({"at_most": 1.0, "magnitude": True}, [False, True, False, False]),
+    ],
+)
+def test_bounds_of_a_claim_are_open_above_and_closed_elsewhere(bounds, expected):
+    results = {"x": sample([-2.0, 1.0, 2.0, 3.0])}
+    assert verdicts.claim_holds(prose(**bounds), results, "C").tolist() == expected
+
+
+def test_claims_about_differences_are_relative_where_they_say_so():
+    results = {"x": sample([3.0, 1.0, 2.0]), "y": sample([2.0, 2.0, math.nan])}
+    holds = [
+        verdicts.claim_holds(prose(minus="y", relative=relative, at_most=0.5), results, "C")
+        for relative in (False, True)
+    ]
+    assert [found.tolist() for found in holds] == [[False, True], [True, True]]
+
+
+def test_a_claim_at_several_levels_holds_in_a_world_where_it_holds_at_all_that_are_defined():
+    results = {
+        "x0.1": sample([1.0, 1.0, math.nan, math.nan]),
+        "x0.2": sample([1.0, -1.0, 1.0, math.nan]),
+    }
+    entry = prose(ours="x{p}", p=["0.1", "0.2"], above=0.0)
+    assert verdicts.claim_holds(entry, results, "C").tolist() == [True, False, True]
+
+
+def test_a_share_is_shown_with_its_interval_and_without_worlds_as_nothing():
+    found = judged(prose(above=0.0), {"x": sample([1.0] * 29 + [-1.0])})
+    assert (found.ours, found.n, found.verdict) == ("29 of 30 [0.83, 1.00]", "30", "reproduced")
+    assert (found.kind, found.printed, found.values, found.rule) == (
+        "prose",
+        "–",
+        (None,) * 2,
+        "share",
+    )
+    assert (found.id, found.entry, found.where, found.what) == ("made", "made", "sec", "so")
+    assert (found.notebook, found.cell, found.rule) == ("05_audit", "claim", "share")
+    assert found.why == ""
+    found = judged(prose(above=0.0), {"x": {"value": None, "n": 2, "sample": [None, None]}})
+    assert (found.ours, found.n, found.verdict) == ("0 of 0", "0", "not reproduced")
+
+
+def test_a_claim_that_something_rises_shows_the_mean_change_and_its_error():
+    """Changes of 1, 2 and 3, one world undefined: 2 with a standard error of 1 / sqrt 3."""
+    results = {"x": sample([2.0, 4.0, 6.0, math.nan]), "y": sample([1.0, 2.0, 3.0, 0.0])}
+    entry = prose(rule="rises", minus="y", share=None)
+    found = judged(entry, results)
+    assert (found.ours, found.n) == ("2.00 ± 0.58", "3")
+    assert found.verdict == "not reproduced"  # t = 3.46 with 2 degrees of freedom: 4.30 is asked
+    results["x"] = sample([2.0, 3.01, 4.02, math.nan])
+    assert judged(entry, results).verdict == "reproduced"
+    falls = judged(prose(rule="rises", ours="y", minus="x", share=None), results)
+    assert (falls.verdict, falls.ours) == ("not reproduced", "−1.01 ± 0.01")
+    alone = {"x": sample([3.0, math.nan]), "y": sample([1.0, 1.0])}
+    assert judged(entry, alone).ours == "2.00"
+    nothing = {"x": sample([1.0, math.nan]), "y": sample([math.nan, 1.0])}
+    assert (judged(entry, nothing).ours, judged(entry, nothing).n) == ("–", "0")
+
+
+def test_a_claim_about_one_value_shows_it():
+    entry = prose(rule="value", share=None, at_most=0.01, magnitude=True)
+    found = judged(entry, {"x": value(-0.009876)})
+    assert (found.ours, found.n, found.verdict) == ("−0.00988", "1", "reproduced")
+    assert judged(entry, {"x": value(0.02)}).verdict == "not reproduced"
+    assert judged(entry, {"x": value(None)}).verdict == "not reproduced"
+
+
+def test_a_contradiction_is_named_where_a_claim_rests_on_it():
+    clash = contradictions.Contradiction((), "broken", "it says both")
+    results = {"x": sample([1.0] * 30)}
+    entry = prose(above=0.0, contradicted_by="broken")
+    found = judged(entry, results, [clash])
+    assert (found.verdict, found.why) == ("cannot hold", "it says both")
+    assert judged(entry, results).verdict == "reproduced"
+    assert judged(prose(above=0.0), results, [clash]).verdict == "reproduced"
 
 
 def test_the_reading_is_that_of_the_yaml_and_the_others_differ(results):
