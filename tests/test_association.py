@@ -1,12 +1,13 @@
 """The posterior over landmarks against enumeration, EM against the oracle, Louis' information."""
 
 import itertools
+from dataclasses import replace
 
 import gtsam
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
-from scipy import special
+from scipy import linalg, special, stats
 
 from sngr_utils import association, graph, metrics, robust, world
 
@@ -63,10 +64,79 @@ def test_too_many_ranges_and_too_many_landmarks_are_refused():
         association.estimate(clean, C, "truth", False)
 
 
-def test_prior_sums_to_one():
+def test_prior_of_a_label_and_of_all_others_alike():
     prior = np.exp(association.log_prior(np.array([2, 0]), 4, 0.3))
-    assert np.allclose(prior.sum(axis=1), 1)
-    assert prior[0, 2] == pytest.approx(0.7)
+    assert np.allclose(prior, [[0.1, 0.1, 0.7, 0.1], [0.7, 0.1, 0.1, 0.1]])
+
+
+def scans(pose_of, label_of, ranges, poses, landmarks, sigma=0.1):
+    """A world from what EM reads of it."""
+    return world.World(
+        poses, landmarks, np.zeros((len(poses) - 1, 3)), np.array(pose_of), np.array(label_of),
+        np.array(label_of), np.array(ranges), world.Scenario(range_sigma=sigma), poses[0],
+    )  # fmt: skip
+
+
+PLACES = np.array([[0.0, 0.0, 0.3], [1.0, -1.0, 2.0]]), np.array([[3.0, 4.0], [5.0, 1.0]])
+
+
+@pytest.mark.parametrize("width", [1.0, 4.0])
+def test_responsibilities_are_bayes(width):
+    """Prior times a normal density of the distance, whose sigma is `width` of the noise's."""
+    drawn = scans([0, 0, 1], [0, 1, 1], [5.2, 5.05, 4.6], *PLACES)
+    got = association.responsibilities(drawn, *PLACES, 0.3, width, False)
+    poses, landmarks = PLACES
+    distances = np.linalg.norm(poses[[0, 0, 1], None, :2] - landmarks, axis=2)
+    prior = np.array([[0.7, 0.3], [0.3, 0.7], [0.3, 0.7]])
+    joint = prior * stats.norm.pdf(drawn.ranges[:, None], distances, width * 0.1)
+    assert np.allclose(got[:, :2], joint / joint.sum(axis=1, keepdims=True), rtol=1e-9)
+    assert not got[:, 2].any()
+
+
+def test_an_absent_landmark_may_be_the_source_of_any_range():
+    """Its ranges are uniform up to the longest; two absent ones have their prior together."""
+    poses, landmarks = PLACES[0], np.vstack([PLACES[1], np.full((2, 2), np.nan)])
+    drawn = scans([0, 1], [0, 2], [5.2, 4.6], poses, landmarks)
+    got = association.responsibilities(drawn, poses, landmarks, 0.3, 1.0, False)
+    distances = np.linalg.norm(poses[:, None, :2] - landmarks[:2], axis=2)
+    prior = np.array([[0.7, 0.1], [0.1, 0.1]])
+    joint = np.zeros((2, 5))
+    joint[:, :2] = prior * stats.norm.pdf(drawn.ranges[:, None], distances, 0.1)
+    joint[:, 4] = np.array([0.2, 0.8]) / 5.2
+    assert np.allclose(got, joint / joint.sum(axis=1, keepdims=True), rtol=1e-9)
+
+
+def test_exclusion_is_by_scan():
+    """Each scan as if it were alone, by all matchings; the ranges of another do not compete."""
+    drawn = scans([0, 0, 1, 1], [0, 0, 0, 1], [5.0, 5.05, 5.3, 4.4], *PLACES)
+    got = association.responsibilities(drawn, *PLACES, 0.4, 2.0, True)
+    alone = association.responsibilities(drawn, *PLACES, 0.4, 2.0, False)
+    with np.errstate(divide="ignore"):
+        expected = [enumerated(np.log(alone[rows])) for rows in (slice(2), slice(2, 4))]
+    assert np.allclose(got, np.vstack(expected), atol=1e-12)
+    assert not np.allclose(got, alone, atol=0.1)
+
+
+def test_share_of_wrong_labels_is_the_mean_under_jeffreys_prior():
+    weights = np.array([[0.9, 0.1, 0.0], [0.3, 0.5, 0.2], [0.0, 1.0, 0.0]])
+    labels = np.array([0, 1, 0])
+    # right: 0.9 + 0.5 + 0; Beta(1/2, 1/2) before three ranges
+    assert association._share_wrong(weights, labels) == pytest.approx((0.5 + 1.6) / (1 + 3))
+
+
+def test_ranges_are_weighted_by_their_responsibilities():
+    """A factor for each that counts, its error the weight times half a squared residual."""
+    drawn = scans([0, 1], [0, 1], [5.3, 4.6], *PLACES)
+    weights = np.array([[0.6, 0.4, 0.0], [1e-3, 0.9, 0.099]])
+    sure = gtsam.NonlinearFactorGraph()
+    sure.push_back(graph.pose_prior(PLACES[0][0], [0.1, 0.1, 0.1]))
+    factors = association._weighted(sure, drawn, weights, 2.0)
+    assert sure.size() == 1
+    assert factors.size() == 4  # 1e-3 is nothing
+    distances = np.linalg.norm(PLACES[0][:, None, :2] - PLACES[1], axis=2)
+    squared = ((drawn.ranges[:, None] - distances) / 0.2) ** 2
+    expected = 0.5 * (0.6 * squared[0, 0] + 0.4 * squared[0, 1] + 0.9 * squared[1, 1])
+    assert factors.error(robust.values_of(*PLACES)) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("exclusive", [False, True])
@@ -106,6 +176,58 @@ def test_with_wrong_labels_em_stays_near_the_oracle_and_finds_p():
         drawn_wrong = (wrong.label_of != wrong.source_of).mean()
         # the share drawn is known but for the labels nobody can tell; 180 ranges
         assert found.p == pytest.approx(drawn_wrong, abs=0.05)
+
+
+def test_open_ranges_add_up_in_what_they_withhold():
+    """The covariance of the score over two landmarks, range by range, at its poses and landmarks.
+
+    An absent landmark has no rows; a range whose source is certain withholds nothing.
+    """
+    poses = PLACES[0]
+    landmarks = np.array([[3.0, 4.0], [np.nan, np.nan], [5.0, 1.0]])
+    drawn = scans([0, 1, 1], [0, 2, 0], [5.2, 4.5, 5.0], poses, landmarks)
+    weights = np.array([[0.7, 0.0, 0.3, 0.0], [0.4, 0.0, 0.5, 0.1], [1.0, 0.0, 0.0, 0.0]])
+    present = np.array([0, 2])
+    got = association._missing_information(drawn, poses, landmarks, present, weights)
+    expected = np.zeros((10, 10))
+    for m in (0, 1):
+        t, scores = drawn.pose_of[m], np.zeros((3, 10))  # the last: "none of these" has no score
+        for row, k in enumerate(present):
+            values = robust.values_of(poses, landmarks)
+            factor = graph.range_factor(t, k, drawn.ranges[m], 0.1)
+            jacobian, b = factor.linearize(values).jacobian()
+            scores[row, 3 * t : 3 * t + 3] = jacobian[0, :3] * b[0]
+            scores[row, 6 + 2 * row : 8 + 2 * row] = jacobian[0, 3:] * b[0]
+        share = weights[m, [0, 2, 3]]
+        mean = share @ scores
+        expected += (scores - mean).T @ (share[:, None] * (scores - mean))
+    assert np.allclose(got, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_covariance_without_and_with_open_associations():
+    """One pose with a prior, one range to a pinned landmark: without a doubt the inverse of the
+    information; in doubt at most nine tenths of it are withheld in any direction."""
+    poses, landmarks = np.array([[0.0, 0.0, np.pi / 2]]), np.array([[10.0, 0.0], [0.0, 10.0]])
+    sure = gtsam.NonlinearFactorGraph()
+    sure.push_back(graph.pose_prior(poses[0], [0.5, 1.0, 0.1]))
+    for k in (0, 1):
+        sure.push_back(graph.landmark_prior(k, landmarks[k], 1e-6))
+    drawn = scans([0], [0], [10.0], poses, landmarks)
+    certain = association.position_covariances(
+        sure, drawn, poses, landmarks, np.array([[1.0, 0.0, 0.0]])
+    )
+    # the body's y axis points to minus x of the world, where the range is measured
+    assert np.allclose(certain[0], np.diag([1 / (1 / 1.0**2 + 1 / 0.1**2), 0.5**2]), rtol=1e-6)
+    doubtful = replace(drawn, ranges=np.array([11.0]))
+    half = np.array([[0.5, 0.5, 0.0]])
+    got = association.position_covariances(sure, doubtful, poses, landmarks, half)
+    kept = association.position_covariances(sure, drawn, poses, landmarks, half)
+    assert np.allclose(kept[0], np.diag([1 / (1 + 50), 1 / (4 + 50)]), rtol=1e-6)
+    # 1 m off at a sigma of 0.1 m: the score has a variance of 2500 (1, -1) (1, -1)^T
+    information = np.diag([51.0, 54.0])
+    direction = linalg.eigh(2500 * np.array([[1.0, -1], [-1, 1]]), information)[1]
+    closed = direction @ np.diag([1.0, 10.0]) @ direction.T
+    assert np.allclose(got[0], closed, rtol=1e-5)
 
 
 def test_what_the_associations_withhold_is_the_curvature_of_the_mixture():

@@ -49,7 +49,36 @@ def test_ratio_holds_all_that_rounding_allows():
     got = printed.ratio(printed.number("336"), printed.number("44"))
     assert got.value == pytest.approx(336 / 44)
     assert (got.low, got.high) == pytest.approx((335.5 / 44.5, 336.5 / 43.5))
-    assert printed.ratio(printed.number("336"), printed.number("0")).value is None
+    assert got.decimals == 1
+    scaled = printed.ratio(printed.number("336"), printed.number("44"), 28)
+    assert (scaled.value, scaled.low, scaled.high) == pytest.approx((
+        12 / 44,
+        335.5 / 44.5 / 28,
+        336.5 / 43.5 / 28,
+    ))
+    for over, under in (("336", "0"), ("336", "null"), ("null", "44")):
+        nothing = printed.ratio(printed.number(over), printed.number(under))
+        assert (nothing.value, nothing.low, nothing.high, nothing.decimals) == (None, None, None, 1)
+
+
+def test_magnitude_turns_a_negative_number_round():
+    turned = printed.number("-2.232").magnitude()
+    assert (turned.value, turned.decimals) == (2.232, 3)
+    assert (turned.low, turned.high) == pytest.approx((2.2315, 2.2325))
+    for text in ("2.2", "0", "null"):
+        assert printed.number(text).magnitude() == printed.number(text)
+
+
+def test_a_range_is_allowed_if_it_meets_what_rounds_to_the_number():
+    number = printed.number("0.54")
+    for low, high, allowed in (
+        (0.1, 0.534, False), (0.1, 0.535, True), (0.545, 0.9, True), (0.546, 0.9, False),
+        (0.1, 0.9, True), (0.539, 0.541, True),
+    ):  # fmt: skip
+        assert number.allows(low, high) is allowed
+    dash = printed.number("null")
+    assert (dash.low, dash.high, dash.decimals) == (None, None, 0)
+    assert not dash.allows(-1.0, 1.0)
 
 
 def test_match():
@@ -77,6 +106,18 @@ def test_what_the_paper_contradicts_and_nothing_else(numbers):
         ("", "precision one"),
         ("", "choice of tau"),
     }
+
+
+def test_contradictions_say_what_does_not_fit(numbers):
+    assert [clash.why for clash in contradictions(numbers)] == [
+        "the printed point lies 0.0159 m or more from the mode",
+        "10 triggers, but TP + FP = 12",
+        "the counts give 10/23",
+        "the row gives 23/26",
+        "the table has less than 1 at p = 0.4",
+        "3.92 is as silent and recalls more, 4 is as silent and larger",
+        "two values of the same maximum",
+    ]
 
 
 # what would repair each contradiction
