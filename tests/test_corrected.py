@@ -1,3 +1,6 @@
+import dataclasses
+from types import SimpleNamespace
+
 import gtsam
 import joblib
 import numpy as np
@@ -15,6 +18,7 @@ from sngr_utils import (
     laplace,
     metrics,
     nested,
+    place,
     posterior,
     refine,
     refined_sweep,
@@ -176,6 +180,74 @@ def test_no_laplace_at_a_saddle():
     factors = sampler_audit.gaussian_factors(-4 * np.eye(9))
     assert laplace.laplace(factors, np.eye(9), np.zeros(9)) is None
     assert laplace.sample(factors, np.eye(9), 100, rng=np.random.default_rng(0)) is None
+
+
+def test_a_target_with_a_saddle_at_the_estimate_is_sampled_about_all_its_modes():
+    """Two anchors that both measure 3 m: two places, and iSAM2's estimate between them.
+
+    The reference is a grid of 0.01 m; the evidence lies within five of its own errors (6e-7), and
+    either place has half the mass, within five errors of a share at the effective sample size.
+    """
+    anchors, centre = np.array([[0.0, 0.0], [4.0, 0.0]]), np.array([2.0, 0.0])
+    two = place.Evidence(anchors, np.full(2, 3.0), np.full(2, 0.04), np.zeros(2), 9.0, centre, 1.0)
+    aim = SimpleNamespace(
+        factors=two.factors, covariance=np.eye(2), corrected=lambda scale: two.factors
+    )
+    assert laplace.sample(two.factors, np.eye(2), 100, rng=np.random.default_rng(0)) is None
+    run = corrected.sample_target(
+        aim, 4.0, nested.SamplerSettings(), rng=np.random.default_rng(0)
+    )  # fmt: skip
+    axis = np.arange(-6, 6, 0.01)
+    xi = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    prior = -0.5 * np.sum(xi**2, axis=1) / 4 - np.log(2 * np.pi * 4)
+    density = compiled.log_likelihoods(two.factors, xi) + prior
+    log_z = np.logaddexp.reduce(density) + np.log(0.01**2)
+    assert 0 < run.log_evidence_error < 0.05
+    assert abs(run.log_evidence - log_z) < 5 * run.log_evidence_error
+    assert run.weights.sum() == pytest.approx(1)
+    effective = run.ess_share * len(run.samples)
+    upper = run.weights[run.samples[:, 1] > 0].sum()
+    assert abs(upper - 0.5) < 5 * 0.5 / np.sqrt(effective)
+    assert np.average(np.abs(run.samples[:, 1]), weights=run.weights) == pytest.approx(
+        np.average(np.abs(xi[:, 1]), weights=np.exp(density - density.max())), abs=0.02
+    )
+    assert len(run.samples) == pytest.approx(20_000, abs=8)  # shared out among the modes
+    assert run.calls > len(run.samples)
+    likelihoods = compiled.log_likelihoods(two.factors, run.samples[:50])
+    assert run.log_likelihoods[:50] == pytest.approx(likelihoods)
+
+
+def test_objections_to_the_weights_are_noted(monkeypatch):
+    diagnostics = importance.Diagnostics(n_modes=8, converged=0.5, k_hat=0.1, ess=1000)
+    draw = importance.sample(
+        sampler_audit.gaussian_factors(np.eye(3)), np.eye(3), importance.FastSettings(),
+        rng=np.random.default_rng(0),
+    )  # fmt: skip
+    monkeypatch.setattr(
+        importance, "sample", lambda *_, rng: dataclasses.replace(draw, diagnostics=diagnostics)
+    )
+    factors = sampler_audit.gaussian_factors(-4 * np.eye(3))  # no peak at the estimate
+    aim = SimpleNamespace(covariance=np.eye(3), corrected=lambda scale: factors)
+    run = corrected.sample_target(aim, 1.0, nested.SamplerSettings(), rng=None)
+    assert run.note == "modes, starts"
+    assert run.calls == draw.calls
+
+
+def test_other_engines_get_the_targets_prior_and_the_whole_likelihood(monkeypatch):
+    asked = {}
+
+    def watched(factors, covariance, sampler, engine, *, rng):
+        asked.update(factors=factors, covariance=covariance, sampler=sampler, engine=engine)
+
+    monkeypatch.setattr(corrected.engines, "sample_factors", watched)
+    aim = SimpleNamespace(covariance="covariance", corrected=lambda scale: ("factors", scale))
+    ours = nested.SamplerSettings(n_live=77, min_walks=33, prior_scale=9.0)
+    corrected.sample_target(aim, 2.5, ours, "nested", rng=None)
+    assert asked["factors"] == ("factors", 2.5)
+    assert (asked["covariance"], asked["engine"]) == ("covariance", "nested")
+    assert asked["sampler"] == nested.SamplerSettings(
+        n_live=77, min_walks=33, prior_scale=2.5, likelihood_factor=1.0
+    )
 
 
 def test_nothing_is_left_to_gain_after_batch(noisy):
