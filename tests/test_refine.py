@@ -2,6 +2,7 @@ import gtsam
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
+from scipy import stats
 
 from sngr_utils import nested, refine
 
@@ -67,6 +68,23 @@ def test_noop_weights_have_their_closed_form_mean(noisy):
     expected = refine.noop_expected_log_weight(covariance, 0.5)
     assert abs(weights.mean() - expected) < 5 * weights.std() / np.sqrt(len(weights))
     assert refine.noop_expected_log_weight(0.25 * np.eye(9), 0.5) == pytest.approx(0)
+
+
+def test_noop_weights_are_differences_of_normal_densities():
+    """The same draws, by SciPy's densities; not at sigma 1/2, where s^2 is s / 2."""
+    covariance = np.array([[0.5, 0.1, 0.0], [0.1, 0.3, 0.05], [0.0, 0.05, 0.2]])
+    settings = refine.TriggerOnly(noop_samples=40, noop_sigma=0.3)
+    got = refine.noop_log_weights(covariance, settings, rng=np.random.default_rng(7))
+    draws = np.random.default_rng(7).normal(scale=0.3, size=(40, 3))
+    target, proposal = stats.multivariate_normal(cov=covariance), stats.norm(scale=0.3)
+    assert got == pytest.approx(target.logpdf(draws) - proposal.logpdf(draws).sum(axis=1))
+    # minus the divergence of the one from the other, by quadrature of the same formula in 1-d
+    x, step = np.linspace(-4, 4, 40_001, retstep=True)
+    density = stats.norm.pdf(x, scale=0.3)
+    gap = stats.norm.logpdf(x, scale=np.sqrt(0.5)) - np.log(density)
+    assert refine.noop_expected_log_weight(np.array([[0.5]]), 0.3) == pytest.approx(
+        np.sum(density * gap) * step
+    )
 
 
 def test_noop_weights_of_the_proposal_itself_are_zero():

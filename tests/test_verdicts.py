@@ -155,6 +155,127 @@ def test_prose_is_judged_world_by_world(results):
     assert row(results, "saddle").verdict == "reproduced"
 
 
+@pytest.mark.parametrize(
+    ("rule", "given", "text", "verdict", "why"),
+    [
+        ("clock", value(1.0), "0.02", "not comparable",
+         "the clock that other seconds are measured with"),
+        ("hardware", value(30.0), "20", "reproduced", "a ratio of wall clocks"),
+        ("hardware", value(150.0), "20", "trend reproduced", "a ratio of wall clocks"),
+        ("hardware", value(900.0), "20", "not reproduced", "a ratio of wall clocks"),
+        ("deterministic", value(2.004), "2.00", "reproduced", "rounding"),
+        ("deterministic", value(2.006), "2.00", "not reproduced", "rounding"),
+        ("deterministic", value(None), "null", "reproduced", "rounding"),
+        ("one_world", sample(np.arange(30.0) / 100), "0.3", "reproduced",
+         "a further world: 0 to 0.29"),
+        ("one_world", sample(np.r_[math.nan, np.arange(29.0)]), "40", "not reproduced",
+         "a further world: undefined to 28"),
+        ("mean_of_five", sample(np.arange(30.0)), "14.5", "reproduced",
+         "mean of five further worlds"),
+        ("mean_of_five", sample(np.arange(30.0)), "40", "not reproduced",
+         "mean of five further worlds"),
+        ("std_of_five", sample(np.arange(30.0)), "8.8", "reproduced",
+         "std of five further worlds"),
+        ("std_of_five", sample(np.arange(30.0)), "14.5", "not reproduced",
+         "std of five further worlds"),
+    ],
+)  # fmt: skip
+def test_each_rule_gives_its_verdict_and_what_decides(rule, given, text, verdict, why):
+    found = verdicts._number_verdict(rule, {"x": given}, "x", printed.number(text))
+    assert found == (verdict, why)
+
+
+def test_ours_is_a_mean_with_its_error_to_the_digits_that_are_printed():
+    shown = sample([1.0, 2.0, 6.0, math.nan])
+    shown["standard_error"] = 1.52752
+    assert verdicts._ours(shown, 3) == ("3.000 ± 1.528", "3 of 4", 3.0)
+    assert verdicts._ours(shown, 0) == ("3.0 ± 1.5", "3 of 4", 3.0)  # a mean of counts is no count
+    assert verdicts._ours(sample([2.0, 2.0]), 1) == ("2.0 ± 0.0", "2", 2.0)
+    single = {"value": 5.25, "n": 7, "standard_error": None}
+    assert verdicts._ours(single, 0) == ("5", "7", 5.25)
+    assert verdicts._ours({"value": None, "n": 0}, 2) == ("–", "0", None)
+
+
+def test_spread_is_that_of_the_sample_with_the_error_a_gaussian_has():
+    """Of n - 1 degrees of freedom s has a standard error of s / sqrt(2 n - 2)."""
+    given = sample([1.0, 3.0, 5.0, math.nan])
+    found = verdicts._spread(given)
+    assert (found["value"], found["standard_error"]) == pytest.approx((2.0, 1.0))
+    assert found["sample"] == given["sample"]
+    for few in ([1.0], [math.nan, 2.0], [math.nan]):
+        found = verdicts._spread({"sample": [None if math.isnan(x) else x for x in few]})
+        assert (found["value"], found["standard_error"]) == (None, None)
+    two = verdicts._spread(sample([1.0, 3.0]))
+    assert (two["value"], two["standard_error"]) == pytest.approx((math.sqrt(2), 1.0))
+
+
+def number_entry(**changes):
+    given = {
+        "id": "made", "where": "tab", "what": "it", "printed": "baseline/{p}/nees", "ours": "x.{p}",
+        "rule": "one_world", "notebook": "05_audit", "cell": "claim", **changes,
+    }  # fmt: skip
+    return claims.NumberEntry(**given)
+
+
+def test_rows_of_a_series():
+    """Printed: 0.36 148.52 210.15 458.26 745.23. Ours rises from 0.36, but not as far."""
+    entry = number_entry(trend="rises")
+    shares = {"0": 0.36, "0.1": 148.52, "0.2": 2.0, "0.3": 3.0, "0.4": 4.0}
+    results = {f"x.{p}": sample(np.full(N, mean)) for p, mean in shares.items()}
+    clash = contradictions.Contradiction((("baseline", "0.3", "nees"),), "made", "cannot be")
+    rows = list(verdicts._numbers(entry, results, "C", [clash]))
+    assert [row.id for row in rows] == [f"made.p{p}" for p in ("0.0", "0.1", "0.2", "0.3", "0.4")]
+    assert [row.verdict for row in rows] == [
+        "reproduced", "reproduced", "trend reproduced", "cannot hold", "trend reproduced"
+    ]  # fmt: skip
+    assert [row.why for row in rows[2:4]] == ["a further world: 2 to 2", "cannot be"]
+    first = rows[0]
+    assert (first.entry, first.kind, first.where, first.what) == ("made", "number", "tab", "it")
+    assert (first.printed, first.ours, first.values, first.n) == (
+        "0.36", "0.36 ± 0.00", (0.36, pytest.approx(0.36)), "30"
+    )  # fmt: skip
+    assert (first.rule, first.notebook, first.cell) == ("one_world", "05_audit", "claim")
+    results["x.0.4"] = results["x.0"]  # no trend any more
+    assert [row.verdict for row in verdicts._numbers(entry, results, "C", [])][2:] == [
+        "not reproduced"
+    ] * 3
+
+
+def test_a_trend_is_that_between_the_levels_at_which_a_number_is_printed():
+    """Precision is a dash at p = 0 and 0.1: what ours does there is no part of the series."""
+    entry = number_entry(printed="baseline/{p}/precision", trend="falls")
+    results = {f"x.{p}": sample(np.linspace(0, 1, N)) for p in ("0.3",)}
+    results["x.0.2"] = sample(np.linspace(0, 1, N) + 3)
+    results["x.0.4"] = sample(np.linspace(0, 1, N) + 2)
+    results |= {f"x.{p}": sample(np.full(N, 9.0)) for p in ("0", "0.1")}
+    assert verdicts._has_trend(entry, results, "C")
+    assert not verdicts._has_trend(number_entry(trend="rises"), results, "C")
+    results["x.0.4"] = sample(np.linspace(0, 1, N) + 4)
+    assert not verdicts._has_trend(entry, results, "C")
+
+
+def test_a_ratio_is_shown_beside_what_is_printed():
+    entry = number_entry(
+        printed="cost/{p}/refine", ratio=("cost/{p}/exhaustive", "cost/{p}/refine"), per=2.0
+    )
+    results = {f"x.{p}": sample(np.full(N, 3.8)) for p in ("0", "0.1", "0.2", "0.3")}
+    first, second = list(verdicts._numbers(entry, results, "C", []))[:2]
+    assert (first.printed, first.verdict) == ("44 (3.82)", "reproduced")  # 336 / 44 / 2
+    assert first.values[0] == pytest.approx(336 / 88)
+    assert (second.printed, second.values[0]) == ("0", None)
+    assert first.ours == "3.8 ± 0.0"
+
+
+def test_a_printed_spread_is_compared_with_a_spread():
+    entry = number_entry(printed="baseline/{p}/rmse_std", rule="std_of_five")
+    worlds = sample(np.arange(30.0))
+    results = {f"x.{p}": worlds for p in ("0", "0.1", "0.2", "0.3", "0.4")}
+    first = next(verdicts._numbers(entry, results, "C", []))
+    spread = math.sqrt(30 * 31 / 12)
+    assert first.values == (0.06, pytest.approx(spread))
+    assert first.ours == f"{spread:.2f} ± {spread / math.sqrt(58):.2f}"
+
+
 def prose(**changes):
     """A claim in words about the samples "x" and, if it says so, "y"."""
     given = {
