@@ -159,9 +159,6 @@ def log_sum(logs: np.ndarray) -> np.ndarray:
     return top + np.log(np.exp(logs - top[:, None]).sum(axis=1))
 
 
-# --- compiled -------------------------------------------------------------------------------
-
-
 @compile_once
 def _moved(points, shares, gains, mass, trust, places, covariances):
     """New (K, d) places and (K, d, d) covariances, `trust` of the fit and the rest as before."""

@@ -14,8 +14,9 @@ import numpy as np
 from gtsam.symbol_shorthand import L, X
 from scipy import linalg, special
 
-from sngr_utils import graph, robust, world
+from sngr_utils import graph, robust
 from sngr_utils.jit import compile_once
+from sngr_utils.world import dead_reckoning, simulation
 
 MOST_LANDMARKS = 14  # of mutual exclusion: time and memory grow with 2^K
 WIDEST = 6.0  # range sigmas that the annealed one starts with: a landmark start errs that much
@@ -43,7 +44,7 @@ class SoftEstimate:
     landmarks: np.ndarray
     weights: np.ndarray
     p: float
-    the_world: world.World
+    the_world: simulation.World
     sure: gtsam.NonlinearFactorGraph
 
     @property
@@ -153,7 +154,7 @@ def _matchings(weights):
 
 
 def estimate(
-    the_world: world.World, conventions: graph.Conventions, start: str, exclusive: bool
+    the_world: simulation.World, conventions: graph.Conventions, start: str, exclusive: bool
 ) -> SoftEstimate:
     """EM over the batch from dead reckoning, landmarks started as `start` says.
 
@@ -168,13 +169,13 @@ def estimate(
     """
     if start not in robust.STARTS:
         raise ValueError(f"start is {start!r}: it must be one of {sorted(robust.STARTS)}")
-    poses = world.dead_reckoning(the_world.x0_mean, the_world.odometry)
+    poses = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
     landmarks = robust.start_landmarks(the_world, poses, start)
     return fit(the_world, conventions, (poses, landmarks), exclusive)
 
 
 def fit(
-    the_world: world.World,
+    the_world: simulation.World,
     conventions: graph.Conventions,
     start: robust.Estimate,
     exclusive: bool,
@@ -211,7 +212,7 @@ def fit(
 
 
 def responsibilities(
-    the_world: world.World,
+    the_world: simulation.World,
     poses: np.ndarray,
     landmarks: np.ndarray,
     p: float,
@@ -253,7 +254,7 @@ def _share_wrong(weights: np.ndarray, labels: np.ndarray) -> float:
 
 
 def _weighted(
-    sure: gtsam.NonlinearFactorGraph, the_world: world.World, weights: np.ndarray, width: float
+    sure: gtsam.NonlinearFactorGraph, the_world: simulation.World, weights: np.ndarray, width: float
 ) -> gtsam.NonlinearFactorGraph:
     """The sure factors, and each range to each landmark by its responsibility."""
     factors = gtsam.NonlinearFactorGraph(sure)
@@ -275,7 +276,7 @@ def _optimise(
 
 def position_covariances(
     sure: gtsam.NonlinearFactorGraph,
-    the_world: world.World,
+    the_world: simulation.World,
     poses: np.ndarray,
     landmarks: np.ndarray,
     weights: np.ndarray,
@@ -312,7 +313,7 @@ def position_covariances(
 
 
 def _missing_information(
-    the_world: world.World,
+    the_world: simulation.World,
     poses: np.ndarray,
     landmarks: np.ndarray,
     present: np.ndarray,

@@ -17,9 +17,10 @@ from sngr_utils import (
     place,
     report,
     windows,
-    world,
 )
-from sngr_utils.world import ManyWorlds, Positive, Probability, Seed
+from sngr_utils.settings import Positive, Probability, Seed
+from sngr_utils.world import dead_reckoning, simulation
+from sngr_utils.world.scenario import ManyWorlds
 
 Levels = Annotated[list[Probability], Field(min_length=1)]
 READING = "C"  # preset: GTSAM's own iSAM2 settings
@@ -65,9 +66,6 @@ class Config(ManyWorlds):
         return self
 
 
-# --- experiments ----------------------------------------------------------------------------
-
-
 def run(config: Config) -> pd.DataFrame:
     """Ours, batch EM and the oracle at all levels, all peers at `p_peers`, on the same worlds.
 
@@ -111,9 +109,9 @@ def run_slips(config: Config) -> pd.DataFrame:
     return estimators.relative_to_oracle(runs)
 
 
-def _filmed(config: Config) -> world.World:
+def _filmed(config: Config) -> simulation.World:
     rng = np.random.default_rng(config.first_seed)
-    return world.simulate(config.scenario, config.p_film, rng=rng)
+    return simulation.simulate(config.scenario, config.p_film, rng=rng)
 
 
 def film(config: Config) -> list[online_study.Frame]:
@@ -129,8 +127,10 @@ def few_poses(config: Config) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, 
     nearest to where the robot starts, whose mirror image is not far either.
     """
     the_world = _filmed(config)
-    blind = world.dead_reckoning(the_world.x0_mean, the_world.odometry)
-    variances = world.dead_reckoning_variances(blind, config.scenario) + config.range_sigma**2
+    blind = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
+    variances = (
+        dead_reckoning.dead_reckoning_variances(blind, config.scenario) + config.range_sigma**2
+    )
     k = int(np.argmax(the_world.landmarks[:, 0]))
     panels = []
     for n in FEW:
@@ -160,9 +160,6 @@ def future_is_unknown(config: Config) -> bool:
         found = online.run(changed, graph.PRESETS[READING], online.Settings(), rng=rng)
         pasts.append(found.filtered[: middle + 1])
     return bool(np.array_equal(*pasts))
-
-
-# --- what the paper prints ------------------------------------------------------------------
 
 
 def record(

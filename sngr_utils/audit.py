@@ -24,7 +24,8 @@ from sngr_utils import (
     windows,
 )
 from sngr_utils.baseline import run_baseline
-from sngr_utils.world import ManyWorlds, Positive, Probability
+from sngr_utils.settings import Positive, Probability
+from sngr_utils.world.scenario import ManyWorlds
 
 Levels = Annotated[list[Probability], Field(min_length=1)]
 NOOP_P = 0.3  # where the paper prints the mean log weight of its no-op sampler
@@ -76,9 +77,6 @@ class Config(ManyWorlds):
             if len(set(values)) < len(values):
                 raise ValueError(f"{name} is {values}: it must not repeat a value")
         return self
-
-
-# --- experiments ----------------------------------------------------------------------------
 
 
 def run_sweep(config: Config) -> sweeps.Sweep:
@@ -231,9 +229,6 @@ def bimodality_readings(runs: Sequence[nested.NestedRun]) -> pd.DataFrame:
     return pd.DataFrame([
         sampler_audit.bimodality_readings(run.samples[:, 1], run.weights) for run in runs
     ])
-
-
-# --- what the claims are judged by ----------------------------------------------------------
 
 
 def record(

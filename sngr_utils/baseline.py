@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sngr_utils import graph, metrics, windows, world
+from sngr_utils import graph, metrics, windows
+from sngr_utils.world import simulation
+from sngr_utils.world.scenario import Scenario
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,7 @@ class Baseline:
 
     p: float
     seed: int
-    world: world.World
+    world: simulation.World
     solution: graph.Solution
     position_errors: np.ndarray
     covariances: np.ndarray
@@ -54,10 +56,10 @@ class Baseline:
 
 
 def run_baseline(
-    scenario: world.Scenario, conventions: graph.Conventions, p: float, seed: int
+    scenario: Scenario, conventions: graph.Conventions, p: float, seed: int
 ) -> Baseline:
     """Simulate the world of `seed`, run iSAM2, score and judge every window."""
-    the_world = world.simulate(scenario, p, rng=np.random.default_rng(seed))
+    the_world = simulation.simulate(scenario, p, rng=np.random.default_rng(seed))
     solution = graph.run_isam2(the_world, conventions)
     errors = solution.poses[:, :2] - the_world.poses[:, :2]
     distances = np.hypot(errors[:, 0], errors[:, 1])

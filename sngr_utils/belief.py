@@ -12,7 +12,8 @@ from gtsam.symbol_shorthand import L, X
 from sngr_utils import chain, crediting, graph, place, robust
 from sngr_utils.crediting import DROPPED, Credit
 from sngr_utils.smoother import Smoother
-from sngr_utils.world import World, dead_reckoning
+from sngr_utils.world.dead_reckoning import dead_reckoning
+from sngr_utils.world.simulation import World
 
 P_PRIOR = (2.0, 8.0)  # wrong and right labels that count as seen before the first
 SLIP_SIGMA = 1.0  # m, of a step of the odometry that is no longer trusted

@@ -11,20 +11,12 @@ import pandas as pd
 from gtsam.symbol_shorthand import L
 from pydantic import Field
 
-from sngr_utils import (
-    chain,
-    compiled,
-    engines,
-    graph,
-    importance,
-    nested,
-    refine,
-    report,
-    robust,
-    windows,
-)
+from sngr_utils import chain, compiled, engines, importance, nested, refine, report, robust, windows
 from sngr_utils.baseline import Baseline
-from sngr_utils.world import Checked, Probability, Scenario, World, simulate
+from sngr_utils.graph import Conventions, Solution, joint_covariance, marginals, run_isam2
+from sngr_utils.settings import Checked, Probability
+from sngr_utils.world.scenario import Scenario
+from sngr_utils.world.simulation import World, simulate
 
 T = TypeVar("T")
 
@@ -333,8 +325,6 @@ def accuracy_table(performances: dict[str, Performance]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-# --- growth with the length of the trajectory -----------------------------------------------
-
 # What is timed, and up to how many poses.
 GROWTH = {
     "iSAM2, pose by pose": 1000,
@@ -377,9 +367,7 @@ def long_world(n_poses: int, scenario: Scenario, *, rng: np.random.Generator) ->
     return simulate(scenario.model_copy(update=longer), 0.0, rng=rng)
 
 
-def growth(
-    lengths: list[int], scenario: Scenario, conventions: graph.Conventions, seed: int
-) -> Growth:
+def growth(lengths: list[int], scenario: Scenario, conventions: Conventions, seed: int) -> Growth:
     """Time iSAM2, the literal closure and the window marginals at every length.
 
     Linearised at the truth, which is as good as any point for a time.
@@ -397,7 +385,7 @@ def growth(
     return Growth(np.array(lengths), seconds, max(errors))
 
 
-def _works(the_world: World, conventions: graph.Conventions) -> dict[str, Callable[[], float]]:
+def _works(the_world: World, conventions: Conventions) -> dict[str, Callable[[], float]]:
     """Name -> a function that times one entry of `GROWTH` on this world, [s]."""
 
     def best(work, repeats=3):
@@ -410,8 +398,8 @@ def _works(the_world: World, conventions: graph.Conventions) -> dict[str, Callab
         solution, n = at_truth(), windows.n_windows(the_world.n_poses)
         some = spread_evenly(min(SAMPLED_WINDOWS, n), n)
         each = [
-            best(lambda t=t: graph.joint_covariance(
-                graph.marginals(solution), windows.window_keys(t)), 1)
+            best(lambda t=t: joint_covariance(
+                marginals(solution), windows.window_keys(t)), 1)
             for t in some
         ]  # fmt: skip
         return n * float(np.mean(each))
@@ -430,12 +418,12 @@ def _works(the_world: World, conventions: graph.Conventions) -> dict[str, Callab
         return best(lambda: windows.covariances(solution), 1 if the_world.n_poses > 300 else 3)
 
     return dict(zip(GROWTH, (
-        lambda: best(lambda: graph.run_isam2(the_world, conventions), 1),
+        lambda: best(lambda: run_isam2(the_world, conventions), 1),
         one_by_one, anew, together, selected,
     ), strict=True))  # fmt: skip
 
 
-def selected_inverse_at_truth(the_world: World, conventions: graph.Conventions) -> np.ndarray:
+def selected_inverse_at_truth(the_world: World, conventions: Conventions) -> np.ndarray:
     """(T-2, 9, 9) window marginals of the whole graph, linearised at the truth."""
     s = the_world.scenario
     return chain.selected_inverse(
@@ -446,23 +434,23 @@ def selected_inverse_at_truth(the_world: World, conventions: graph.Conventions) 
     ).windows  # fmt: skip
 
 
-def _solution_at_truth(the_world: World, conventions: graph.Conventions) -> graph.Solution:
+def _solution_at_truth(the_world: World, conventions: Conventions) -> Solution:
     """The whole graph with the truth for its estimate; no iSAM2."""
     factors = robust.sure_factors(the_world, conventions, the_world.landmarks)
     factors.push_back(robust.range_factors(the_world, the_world.landmarks, "least_squares"))
     values = robust.values_of(the_world.poses, the_world.landmarks)
-    return graph.Solution(
+    return Solution(
         gtsam.ISAM2(), factors, values, the_world.n_poses, the_world.n_landmarks
     )  # fmt: skip
 
 
-def _marginal_error(the_world: World, conventions: graph.Conventions) -> float:
+def _marginal_error(the_world: World, conventions: Conventions) -> float:
     """Largest deviation of a sample of window marginals, relative to their largest entries."""
     solution, ours = (f(the_world, conventions) for f in
                       (_solution_at_truth, selected_inverse_at_truth))  # fmt: skip
-    all_marginals = graph.marginals(solution)
+    all_marginals = marginals(solution)
     some = spread_evenly(min(10, len(ours)), len(ours))
-    theirs = [graph.joint_covariance(all_marginals, windows.window_keys(t)) for t in some]
+    theirs = [joint_covariance(all_marginals, windows.window_keys(t)) for t in some]
     return max(
         float(np.abs(ours[t] - cov).max() / np.abs(cov).max())
         for t, cov in zip(some, theirs, strict=True)

@@ -12,7 +12,7 @@ from gtsam.symbol_shorthand import A, L
 from pydantic import Field, model_validator
 
 from sngr_utils import metrics, nested, report
-from sngr_utils.world import Positive, Seed
+from sngr_utils.settings import Positive, Seed
 
 ANCHOR_SIGMA = 1e-6  # m: the anchors are known
 ANCHORS, LANDMARK = (A(0), A(1)), L(0)

@@ -15,7 +15,7 @@ import numpy as np
 
 from sngr_utils.graph import Conventions, Solution
 from sngr_utils.information import add_odometry, add_ranges, eliminate, invert, substitute
-from sngr_utils.world import World
+from sngr_utils.world.simulation import World
 
 
 @dataclass(frozen=True)

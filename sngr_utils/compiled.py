@@ -53,9 +53,6 @@ class Factors(NamedTuple):
         return int(np.array([3, 3, 2, 1, 1]) @ self.counts[2:])
 
 
-# --- from GTSAM -----------------------------------------------------------------------------
-
-
 def flatten(
     graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: list[int], factor: float
 ) -> Factors:
@@ -136,9 +133,6 @@ _MEASUREMENT: dict[type, Callable] = {
     gtsam.RangeFactor2: lambda factor: (factor.measured(), 0.0, 0.0, 0.0, 0.0),
     gtsam.RangeFactor2D: lambda factor: (factor.measured(), 0.0, 0.0, 0.0, 0.0),
 }
-
-
-# --- compiled -------------------------------------------------------------------------------
 
 
 @compile_once

@@ -29,7 +29,7 @@ from sngr_utils import (
 )
 from sngr_utils.baseline import Baseline
 from sngr_utils.graph import Solution
-from sngr_utils.world import Checked, Positive
+from sngr_utils.settings import Checked, Positive
 
 LONG_WALKS = 400  # steps at which the evidence has no bias that we can measure in 27 dimensions
 LAPLACE_DRAWS = 2000  # an effective thousand, where nested sampling at 100 live points has 500
@@ -47,9 +47,6 @@ class CorrectedSettings(Checked):
     separators: Literal["conditional", "marginal"] = "marginal"
     convergence: Literal["batch", "updates"] = "batch"
     proposal_scale: Positive = 4.0
-
-
-# --- the base estimate ----------------------------------------------------------------------
 
 
 def converge(solution: Solution, how: str = "batch", updates: int = 10) -> Solution:
@@ -86,9 +83,6 @@ def converge(solution: Solution, how: str = "batch", updates: int = 10) -> Solut
     return Solution(isam, solution.graph, estimate, solution.n_poses, solution.n_landmarks)
 
 
-# --- the gate -------------------------------------------------------------------------------
-
-
 class NoiseGate(refine.Gate):
     """A gate that forgives what a mean of n effective samples loses by its own noise.
 
@@ -116,9 +110,6 @@ class NoiseGate(refine.Gate):
         0.0098 for d = 9 and 0.0059 for d = 27 at three sigmas and no tolerance.
         """
         return float(stats.chi2.sf(2 * effective * self.slack(dimension, effective), dimension))
-
-
-# --- the algorithm --------------------------------------------------------------------------
 
 
 def refine_windows(

@@ -20,7 +20,8 @@ from sngr_utils import (
     windows,
 )
 from sngr_utils.baseline import Baseline, run_baseline
-from sngr_utils.world import Positive, Probability, Scenario, Seed
+from sngr_utils.settings import Positive, Probability, Seed
+from sngr_utils.world.scenario import Scenario
 
 EVERY = 3  # of the windows that do not trigger, every third is run and stands for all of them
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import special, stats
 
 from sngr_utils import association, chain
-from sngr_utils.world import World
+from sngr_utils.world.simulation import World
 
 GATE = stats.chi2.ppf(0.99, 1)  # squared normalised innovation that puts a range in question
 IMPOSSIBLE = stats.chi2.ppf(1 - 1e-6, 1)  # and one that no right range has

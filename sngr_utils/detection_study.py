@@ -20,10 +20,10 @@ from sngr_utils import (
     graph,
     leverage,
     robust,
-    variations,
     windows,
-    world,
 )
+from sngr_utils.world import simulation, variations
+from sngr_utils.world.scenario import Scenario
 
 # scenario -> what differs from the paper's
 SCENARIOS = {
@@ -60,19 +60,19 @@ class Case:
     def name(self) -> str:
         return f"burst, p = {self.p:g}" if self.burst else f"p = {self.p:g}"
 
-    def draw(self, paper: world.Scenario, seed: int) -> world.World:
+    def draw(self, paper: Scenario, seed: int) -> simulation.World:
         """The world of `seed`; the place of a burst and its labels come from a child stream."""
         scenario = paper.model_copy(update=SCENARIOS[self.scenario])
         rng = np.random.default_rng(seed)
         if not self.burst:
-            return world.simulate(scenario, self.p, rng=rng)
-        clean = world.simulate(scenario, 0.0, rng=rng)
+            return simulation.simulate(scenario, self.p, rng=rng)
+        clean = simulation.simulate(scenario, 0.0, rng=rng)
         (burst_rng,) = rng.spawn(1)
         return variations.burst(clean, self.p, self.burst, rng=burst_rng)
 
 
 def scores(
-    the_world: world.World, conventions: graph.Conventions, solution: graph.Solution
+    the_world: simulation.World, conventions: graph.Conventions, solution: graph.Solution
 ) -> pd.DataFrame:
     """One row per window, a column per score of `detectors.SCORES` except "either".
 
@@ -98,7 +98,7 @@ def scores(
     })
 
 
-def wrong_labels(the_world: world.World) -> np.ndarray:
+def wrong_labels(the_world: simulation.World) -> np.ndarray:
     """(T-W+1,) int: ranges with a wrong label in each window. One is enough to contaminate it."""
     wrong = the_world.pose_of[the_world.label_of != the_world.source_of]
     per_pose = np.bincount(wrong, minlength=the_world.n_poses)
@@ -106,7 +106,7 @@ def wrong_labels(the_world: world.World) -> np.ndarray:
 
 
 def window_rows(
-    case: Case, paper: world.Scenario, conventions: graph.Conventions, seed: int
+    case: Case, paper: Scenario, conventions: graph.Conventions, seed: int
 ) -> pd.DataFrame:
     """Scores and truth of the windows of one world that may fire.
 
@@ -136,7 +136,7 @@ def window_rows(
 
 def run(
     cases: Sequence[Case],
-    paper: world.Scenario,
+    paper: Scenario,
     conventions: graph.Conventions,
     seeds: Sequence[int],
     jobs: int,
@@ -163,7 +163,7 @@ def thresholds(clean: pd.DataFrame, alpha: float) -> dict[str, float]:
 
 
 def null_rates(
-    scenarios: Sequence[str], paper: world.Scenario, seeds: Sequence[int], alpha: float, jobs: int
+    scenarios: Sequence[str], paper: Scenario, seeds: Sequence[int], alpha: float, jobs: int
 ) -> pd.DataFrame:
     """How the chi-square keeps its level on clean data, by preset and by where it is taken.
 
@@ -183,9 +183,7 @@ def null_rates(
     return pd.DataFrame(rows, columns=["scenario", "preset", "seed", "estimate", "fired"])
 
 
-def _null_rates(
-    case: Case, paper: world.Scenario, preset: str, seed: int, alpha: float
-) -> list[tuple]:
+def _null_rates(case: Case, paper: Scenario, preset: str, seed: int, alpha: float) -> list[tuple]:
     the_world, conventions = case.draw(paper, seed), graph.PRESETS[preset]
     solution, rows = graph.run_isam2(the_world, conventions), []
     for name, found in (("iSAM2", solution), ("settled", corrected.converge(solution))):

@@ -9,7 +9,7 @@ import numpy as np
 from sngr_utils import mirror, windows
 from sngr_utils.chain import ChainCovariance
 from sngr_utils.windows import WIDTH, n_windows
-from sngr_utils.world import World
+from sngr_utils.world.simulation import World
 
 # score -> what it asks
 SCORES = {

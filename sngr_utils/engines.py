@@ -18,7 +18,7 @@ from sngr_utils.nested import (
     prior_transform,
     run_nested,
 )
-from sngr_utils.world import Checked
+from sngr_utils.settings import Checked
 
 ENGINES = ("dynesty", "dynesty-compiled", "nested", "fast")
 ENOUGH_WALKS = 50  # steps at which the evidence has no bias that we can measure

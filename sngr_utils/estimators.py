@@ -26,8 +26,9 @@ from sngr_utils import (
     sweeps,
     switchable,
     windows,
-    world,
 )
+from sngr_utils.world import dead_reckoning, simulation
+from sngr_utils.world.scenario import Scenario
 
 STARTS = robust.STARTS
 METHODS = {
@@ -74,7 +75,7 @@ class Estimate:
 
 
 def estimate(
-    the_world: world.World,
+    the_world: simulation.World,
     conventions: graph.Conventions,
     method: str,
     start: str,
@@ -109,7 +110,7 @@ def _require_known(methods: Sequence[str], starts: Sequence[str]) -> None:
 
 
 def _from(
-    the_world: world.World,
+    the_world: simulation.World,
     conventions: graph.Conventions,
     method: str,
     start: robust.Estimate,
@@ -141,7 +142,7 @@ def _from(
 
 
 def _sngr(
-    the_world: world.World, conventions: graph.Conventions, rng: np.random.Generator
+    the_world: simulation.World, conventions: graph.Conventions, rng: np.random.Generator
 ) -> Estimate:
     """The paper's Algorithm 1. Its windows are nearly Gaussian: the fast path samples them.
 
@@ -160,7 +161,7 @@ def _sngr(
 
 
 def expected_nees(
-    the_world: world.World, conventions: graph.Conventions, poses: np.ndarray, covariances
+    the_world: simulation.World, conventions: graph.Conventions, poses: np.ndarray, covariances
 ) -> float:
     """NEES of positions, expected over a drawn mean of the x0 prior; 2 if consistent.
 
@@ -176,16 +177,13 @@ def expected_nees(
     covariances : (T, 2, 2) of the positions in the world frame, [m^2]
     """
     errors = poses[:, :2] - the_world.poses[:, :2]
-    moved = world.rigid_covariances(poses, conventions.x0_sigmas)
+    moved = dead_reckoning.rigid_covariances(poses, conventions.x0_sigmas)
     traces = np.trace(np.linalg.solve(covariances, moved), axis1=1, axis2=2)
     return metrics.nees(errors, covariances) + float(traces.mean())
 
 
-# --- many worlds ----------------------------------------------------------------------------
-
-
 def compare(
-    scenario: world.Scenario,
+    scenario: Scenario,
     conventions: graph.Conventions,
     p_levels: Sequence[float],
     seeds: Sequence[int],
@@ -217,7 +215,7 @@ def compare(
 
 
 def _compare_one(
-    scenario: world.Scenario,
+    scenario: Scenario,
     conventions: graph.Conventions,
     p: float,
     seed: int,
@@ -225,7 +223,7 @@ def _compare_one(
     starts: Sequence[str],
     particles: fastslam.Settings,
 ) -> list[tuple]:
-    the_world = world.simulate(scenario, p, rng=np.random.default_rng(seed))
+    the_world = simulation.simulate(scenario, p, rng=np.random.default_rng(seed))
     rows = []
     for method, start, given, begin in _pairs(the_world, methods, starts):
         rng = np.random.default_rng([seed, STREAM])
@@ -240,10 +238,10 @@ def _compare_one(
 
 
 def _pairs(
-    the_world: world.World, methods: Sequence[str], starts: Sequence[str]
-) -> Iterator[tuple[str, str, world.World, robust.Estimate]]:
+    the_world: simulation.World, methods: Sequence[str], starts: Sequence[str]
+) -> Iterator[tuple[str, str, simulation.World, robust.Estimate]]:
     """Method, start, the world it is given, and where it begins; each start computed once."""
-    poses = world.dead_reckoning(the_world.x0_mean, the_world.odometry)
+    poses = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
     nowhere = np.full((the_world.n_landmarks, 2), np.nan)
     for method in methods:
         if method in WITHOUT_START:

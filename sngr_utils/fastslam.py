@@ -15,8 +15,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from sngr_utils import graph, particles, world
-from sngr_utils.world import Checked, Probability
+from sngr_utils import graph, particles
+from sngr_utils.settings import Checked, Probability
+from sngr_utils.world import dead_reckoning, simulation
 
 
 class Settings(Checked):
@@ -74,11 +75,11 @@ class Particles:
         poses = self.poses
         deviations = self.paths[:, :, :2] - poses[:, :2]
         spread = np.einsum("n,nti,ntj->tij", self.weights, deviations, deviations)
-        return spread + world.rigid_covariances(poses, x0_sigmas)
+        return spread + dead_reckoning.rigid_covariances(poses, x0_sigmas)
 
 
 def run(
-    the_world: world.World,
+    the_world: simulation.World,
     conventions: graph.Conventions,
     settings: Settings,
     *,

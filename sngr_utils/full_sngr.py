@@ -8,9 +8,11 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import engines, graph, metrics, nested, refine, report, windows, world
+from sngr_utils import engines, graph, metrics, nested, refine, report, windows
 from sngr_utils.baseline import Baseline, run_baseline
-from sngr_utils.world import Positive, Probability, Scenario, Seed
+from sngr_utils.settings import Positive, Probability, Seed
+from sngr_utils.world import dead_reckoning
+from sngr_utils.world.scenario import Scenario
 
 
 class Config(
@@ -106,7 +108,7 @@ def run_level(config: Config, p: float) -> Refinement:
     updated = refine.apply_updates(base.solution.estimate, refined)
     poses, true = graph.poses_of(updated, base.world.n_poses), base.world.poses
     covariances = graph.position_covariances(base.solution, conventions.nees_frame)
-    dead = world.dead_reckoning(true[0], base.world.odometry)
+    dead = dead_reckoning.dead_reckoning(true[0], base.world.odometry)
     return Refinement(
         baseline=base,
         windows=refined,

@@ -14,7 +14,9 @@ from gtsam.symbol_shorthand import L, X
 from pydantic import Field
 from scipy.optimize import least_squares
 
-from sngr_utils.world import Checked, Positive, Scenario, World
+from sngr_utils.settings import Checked, Positive
+from sngr_utils.world.scenario import Scenario
+from sngr_utils.world.simulation import World
 
 START_AFTER = 3  # distinct poses that must have seen a landmark before it enters the graph
 

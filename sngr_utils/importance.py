@@ -13,7 +13,7 @@ from pydantic import Field
 
 from sngr_utils.compiled import Factors, energy, residuals
 from sngr_utils.jit import compile_once
-from sngr_utils.world import Checked
+from sngr_utils.settings import Checked
 
 DEGREES = 10.0  # of freedom of the proposal's Student t components
 MAX_MODES = 8

@@ -15,7 +15,8 @@ from sngr_utils.compiled_nested import evaluate
 from sngr_utils.compiled_walk import normal_quantile
 from sngr_utils.jit import compile_once
 from sngr_utils.window_target import chain_positions
-from sngr_utils.world import World, dead_reckoning
+from sngr_utils.world.dead_reckoning import dead_reckoning
+from sngr_utils.world.simulation import World
 
 STEP = 1e-5  # of the forward differences, in standard deviations of a noise
 
@@ -168,9 +169,6 @@ def predicted_positions(
     # Contiguous, or every compiled function that takes them is compiled a second time.
     means = np.ascontiguousarray(dead_reckoning(world.x0_mean, world.odometry[: n - 1])[:, :2])
     return means, jacobian.T @ jacobian
-
-
-# --- compiled -------------------------------------------------------------------------------
 
 
 @compile_once

@@ -16,7 +16,7 @@ from scipy import special, stats
 
 from sngr_utils.chain import ChainCovariance
 from sngr_utils.windows import WIDTH, n_windows
-from sngr_utils.world import World
+from sngr_utils.world.simulation import World
 
 NO_FREEDOM = 1e-3  # of a residual's variance: below it the fit takes up the error, and hides it
 

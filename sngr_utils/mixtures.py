@@ -11,7 +11,8 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
 
-from sngr_utils import graph, robust, world
+from sngr_utils import graph, robust
+from sngr_utils.world import simulation
 
 COMPONENTS = {
     "null": "the labelled landmark, or a null hypothesis as wide as the ranges differ",
@@ -24,7 +25,10 @@ Choice = tuple[np.ndarray, np.ndarray]  # (M,) landmark and (M,) sigma [m] of ea
 
 
 def solve(
-    the_world: world.World, conventions: graph.Conventions, start: robust.Estimate, components: str
+    the_world: simulation.World,
+    conventions: graph.Conventions,
+    start: robust.Estimate,
+    components: str,
 ) -> graph.Solution:
     """Alternate the choice of components and Levenberg-Marquardt until the choice stays.
 
@@ -60,7 +64,7 @@ def solve(
     return solution
 
 
-def choose_null(the_world: world.World, poses: np.ndarray, landmarks: np.ndarray) -> Choice:
+def choose_null(the_world: simulation.World, poses: np.ndarray, landmarks: np.ndarray) -> Choice:
     """For each range the better of its label with the sensor's sigma and the null hypothesis.
 
     The null hypothesis is Gaussian too, and as wide as two ranges differ: sqrt 2 of their
@@ -74,7 +78,9 @@ def choose_null(the_world: world.World, poses: np.ndarray, landmarks: np.ndarray
     return label, np.where(right >= wrong, sigma, null)
 
 
-def choose_landmark(the_world: world.World, poses: np.ndarray, landmarks: np.ndarray) -> Choice:
+def choose_landmark(
+    the_world: simulation.World, poses: np.ndarray, landmarks: np.ndarray
+) -> Choice:
     """For each range the landmark that explains it best, its label having the largest weight."""
     sigma = the_world.scenario.range_sigma
     weights = np.full(
@@ -87,14 +93,14 @@ def choose_landmark(the_world: world.World, poses: np.ndarray, landmarks: np.nda
     return label, np.full(len(label), sigma)
 
 
-def errors(the_world: world.World, poses: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
+def errors(the_world: simulation.World, poses: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
     """(M, K) distance to every landmark less the measured range, [m]; NaN for a NaN landmark."""
     offsets = landmarks[None] - poses[the_world.pose_of, None, :2]
     return np.linalg.norm(offsets, axis=2) - the_world.ranges[:, None]
 
 
 def _chosen_ranges(
-    the_world: world.World, landmark: np.ndarray, sigma: np.ndarray
+    the_world: simulation.World, landmark: np.ndarray, sigma: np.ndarray
 ) -> gtsam.NonlinearFactorGraph:
     noises = {value: gtsam.noiseModel.Isotropic.Sigma(1, value) for value in set(sigma)}
     factors = gtsam.NonlinearFactorGraph()

@@ -8,22 +8,13 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import (
-    ancestral,
-    brute_force,
-    chain,
-    contest,
-    graph,
-    many_starts,
-    nested,
-    variations,
-    windows,
-    world,
-)
+from sngr_utils import ancestral, brute_force, chain, contest, graph, many_starts, nested, windows
 from sngr_utils.landmark_target import Landmark, landmark_of
 from sngr_utils.mirror import mirror_test
+from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.window_target import Window, window_of
-from sngr_utils.world import ManyWorlds, Positive, Probability, Scenario, Seed
+from sngr_utils.world import dead_reckoning, simulation, variations
+from sngr_utils.world.scenario import ManyWorlds, Scenario
 
 PRESET = graph.PRESETS["C"]
 SECOND_MASS = 0.05  # of the second mode, from which there are two
@@ -78,9 +69,9 @@ class Config(ManyWorlds):
             raise ValueError(f"n_sampled is {self.n_sampled}: it must not exceed n_seeds")
         return self
 
-    def world(self, seed: int) -> world.World:
+    def world(self, seed: int) -> simulation.World:
         """The clean world of a seed."""
-        return world.simulate(self.part(Scenario), 0.0, rng=np.random.default_rng(seed))
+        return simulation.simulate(self.part(Scenario), 0.0, rng=np.random.default_rng(seed))
 
     def landmark(self, seed: int, label: int, n: int) -> Landmark:
         """Posterior of a landmark of a clean world after its first n poses."""
@@ -96,7 +87,7 @@ class Config(ManyWorlds):
         weak = {"odometry_sigma_xy": xy, "odometry_sigma_theta": theta}
         rng = np.random.default_rng(seed)
         scenario = self.part(Scenario).model_copy(update=weak)
-        whole = world.simulate(scenario, self.p, rng=rng)
+        whole = simulation.simulate(scenario, self.p, rng=rng)
         drawn = variations.draw_x0(whole, [xy, xy, theta], rng=rng)
         return window_of(drawn.first(WINDOW_POSES), [xy, xy, theta], self.p, n_ranges)
 
@@ -106,9 +97,6 @@ def two_anchors() -> Landmark:
     positions = np.array([[0.0, 0.0], [ANCHOR_DISTANCE, 0.0]])
     return Landmark(positions, np.zeros((4, 4)), np.full(2, ANCHOR_RANGE), ANCHOR_SIGMA,
                     positions.mean(axis=0), ANCHOR_PRIOR)  # fmt: skip
-
-
-# --- a landmark, range by range -------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -193,7 +181,7 @@ def _window_score(config: Config, seed: int, n: int, landmarks: np.ndarray) -> f
     s = part.scenario
     return windows.score(
         chain.selected_inverse(
-            world.dead_reckoning(part.x0_mean, part.odometry), landmarks, part.odometry,
+            dead_reckoning.dead_reckoning(part.x0_mean, part.odometry), landmarks, part.odometry,
             part.pose_of, part.label_of, x0_mean=part.x0_mean, x0_sigmas=PRESET.x0_sigmas,
             odometry_sigmas=s.odometry_sigmas,
             landmark_prior_sigma=PRESET.landmark_prior_sigma, range_sigma=s.range_sigma,
@@ -220,9 +208,6 @@ def window_triggers(config: Config, found: pd.DataFrame) -> dict:
         "condition number of the window": (window, window > config.tau),
         "second mode from many starts": (other, other > SECOND_MASS),
     }
-
-
-# --- samplers -------------------------------------------------------------------------------
 
 
 def run_samplers(config: Config) -> pd.DataFrame:
@@ -345,9 +330,9 @@ def pose_jacobian(target: Window, noises: np.ndarray) -> np.ndarray:
     """(3n, 3n) derivative of the poses, each in its own frame, by the (3n,) noises."""
 
     def poses(z):
-        start = world.dead_reckoning(target.x0_mean, [z[:3] * target.x0_sigmas])[-1]
+        start = dead_reckoning.dead_reckoning(target.x0_mean, [z[:3] * target.x0_sigmas])[-1]
         moved = target.odometry + z[3:].reshape(-1, 3) * target.odometry_sigmas
-        return world.dead_reckoning(start, moved)
+        return dead_reckoning.dead_reckoning(start, moved)
 
     base, columns, step = poses(noises), [], 1e-6
     cos, sin = np.cos(base[:, 2]), np.sin(base[:, 2])

@@ -18,7 +18,7 @@ from pydantic import Field
 from scipy.special import ndtri
 
 from sngr_utils.metrics import effective_sample_size
-from sngr_utils.world import Checked, Positive
+from sngr_utils.settings import Checked, Positive
 
 
 class SamplerSettings(Checked):

@@ -16,7 +16,9 @@ import numpy as np
 from sngr_utils import association, crediting, graph, landmark_start, odometry_doubt, robust
 from sngr_utils.belief import P_PRIOR, SURE, Belief
 from sngr_utils.crediting import DROPPED
-from sngr_utils.world import Checked, Probability, World, dead_reckoning
+from sngr_utils.settings import Checked, Probability
+from sngr_utils.world.dead_reckoning import dead_reckoning
+from sngr_utils.world.simulation import World
 
 SWEEPS = 3  # over all ranges, at most, per step
 SETTLING = 3  # updates without new factors at the very end

@@ -8,10 +8,12 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from sngr_utils import estimators, graph, landmark_start, metrics, online, place, variations, world
+from sngr_utils import estimators, graph, landmark_start, metrics, online, place
 from sngr_utils.belief import Belief
 from sngr_utils.crediting import DROPPED
 from sngr_utils.online import Settings
+from sngr_utils.world import simulation, variations
+from sngr_utils.world.scenario import Scenario
 
 NAME = "online"  # of the method itself, among its variants
 STREAM, SLIPS, FILM = 80, 81, 82  # of random numbers, beside the seed of the world
@@ -39,7 +41,7 @@ def variants(nets: bool) -> dict[str, Settings]:
 
 
 def run_variants(
-    scenario: world.Scenario,
+    scenario: Scenario,
     conventions: graph.Conventions,
     settings: Mapping[str, Settings],
     p_levels: Sequence[float],
@@ -63,7 +65,7 @@ def run_variants(
 
 
 def _variants_of_one(scenario, conventions, settings, p, seed) -> list[dict]:
-    the_world = world.simulate(scenario, p, rng=np.random.default_rng(seed))
+    the_world = simulation.simulate(scenario, p, rng=np.random.default_rng(seed))
     key = {"start": "none", "p": p, "seed": seed}
     return [
         {"method": name, **key, **_judged(the_world, conventions, one, seed)}
@@ -72,7 +74,7 @@ def _variants_of_one(scenario, conventions, settings, p, seed) -> list[dict]:
 
 
 def _judged(
-    the_world: world.World, conventions: graph.Conventions, settings: Settings, seed: int
+    the_world: simulation.World, conventions: graph.Conventions, settings: Settings, seed: int
 ) -> dict[str, float]:
     """What there is to say about one run."""
     before = time.thread_time()
@@ -96,11 +98,8 @@ def _judged(
     }
 
 
-# --- odometry that slips --------------------------------------------------------------------
-
-
 def run_slips(
-    scenario: world.Scenario,
+    scenario: Scenario,
     conventions: graph.Conventions,
     p: float,
     steps: int,
@@ -128,7 +127,7 @@ def run_slips(
 
 def _slipped(scenario, conventions, p, steps, sigma, seed) -> list[dict]:
     rng = np.random.default_rng([seed, SLIPS])
-    sound = world.simulate(scenario, p, rng=np.random.default_rng(seed))
+    sound = simulation.simulate(scenario, p, rng=np.random.default_rng(seed))
     the_world = variations.slip(sound, steps, sigma, rng=rng)
     key = {"start": "none", "p": p, "seed": seed}
     rows = [
@@ -141,9 +140,6 @@ def _slipped(scenario, conventions, p, steps, sigma, seed) -> list[dict]:
         rmse = metrics.rmse(found.poses[:, :2], the_world.poses[:, :2])
         rows.append({"method": method, **key, "start": start, "pose_rmse": rmse})
     return rows
-
-
-# --- one run, filmed ------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -172,7 +168,7 @@ class Frame:
 
 
 def film(
-    the_world: world.World, conventions: graph.Conventions, at: Sequence[int], seed: int
+    the_world: simulation.World, conventions: graph.Conventions, at: Sequence[int], seed: int
 ) -> list[Frame]:
     """One run of the online estimator, stopped at the poses `at`.
 

@@ -170,9 +170,6 @@ def update(setup, state, n, k, x, y, distance):
         state.shares[n, k] = 1.0 / state.shares.shape[2]
 
 
-# --- the start of a landmark ----------------------------------------------------------------
-
-
 @compile_once
 def start(setup, state, n, k, seen_from, distances):
     """Start landmark k in particle n: the likeliest crossings of two of its circles, refined.
@@ -209,9 +206,6 @@ def start(setup, state, n, k, seen_from, distances):
     shares = np.exp(evidences - largest)
     state.log_weights[n] += largest + math.log(shares.sum())
     state.shares[n, k] = shares / shares.sum()
-
-
-# --- resampling -----------------------------------------------------------------------------
 
 
 @compile_once

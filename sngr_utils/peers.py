@@ -19,9 +19,10 @@ from sngr_utils import (
     report,
     robust,
     switchable,
-    world,
 )
-from sngr_utils.world import ManyWorlds, Probability, Scenario, Seed
+from sngr_utils.settings import Probability, Seed
+from sngr_utils.world import simulation
+from sngr_utils.world.scenario import ManyWorlds, Scenario
 
 Levels = Annotated[list[Probability], Field(min_length=1)]
 READING = "C"  # preset: GTSAM's own iSAM2 settings
@@ -53,9 +54,6 @@ class Config(ManyWorlds):
         if not set(self.p_starts) <= set(self.p_levels):
             raise ValueError(f"p_starts is {self.p_starts}: all must be among p_levels")
         return self
-
-
-# --- experiments ----------------------------------------------------------------------------
 
 
 def run(config: Config) -> pd.DataFrame:
@@ -151,7 +149,9 @@ class Ambiguous:
 def ambiguous(config: Config) -> Ambiguous:
     """The range of the first world whose source EM is least sure of, as each mixture sees it."""
     p, conventions = config.p_starts[0], graph.PRESETS[READING]
-    the_world = world.simulate(config.scenario, p, rng=np.random.default_rng(config.first_seed))
+    the_world = simulation.simulate(
+        config.scenario, p, rng=np.random.default_rng(config.first_seed)
+    )
     found = association.estimate(the_world, conventions, "grid", exclusive=False)
     at = the_world, found.poses, found.landmarks
     alone, scan = (
@@ -170,9 +170,6 @@ def ambiguous(config: Config) -> Ambiguous:
         found.poses[the_world.pose_of[m], :2], found.landmarks, float(the_world.ranges[m]),
         int(the_world.label_of[m]), int(the_world.source_of[m]), beliefs,
     )  # fmt: skip
-
-
-# --- what the paper quotes ------------------------------------------------------------------
 
 
 def record(config: Config, runs: pd.DataFrame, to: report.Report) -> None:

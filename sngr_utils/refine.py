@@ -11,7 +11,7 @@ from pydantic import Field
 
 from sngr_utils import engines, nested, windows
 from sngr_utils.graph import Solution
-from sngr_utils.world import Checked, Positive
+from sngr_utils.settings import Checked, Positive
 
 
 class Gate(Checked):

@@ -8,7 +8,7 @@ import pandas as pd
 
 from sngr_utils import corrected, engines, graph, metrics, nested, refine
 from sngr_utils.baseline import Baseline, run_baseline
-from sngr_utils.world import Scenario
+from sngr_utils.world.scenario import Scenario
 
 VARIANTS = ("paper", "conditional", "marginal")
 

@@ -14,8 +14,9 @@ import numpy as np
 from gtsam.symbol_shorthand import L, X
 from scipy import stats
 
-from sngr_utils import graph, world
+from sngr_utils import graph
 from sngr_utils.jit import compile_once
+from sngr_utils.world import dead_reckoning, simulation
 
 # rho(r) of a whitened range residual r, and where its constant comes from
 METHODS = {
@@ -44,7 +45,7 @@ GRID_OUTLIER_SHARE = 0.5  # knowing nothing about a range: right or wrong alike
 
 
 def estimate(
-    the_world: world.World, conventions: graph.Conventions, method: str, start: str
+    the_world: simulation.World, conventions: graph.Conventions, method: str, start: str
 ) -> Estimate:
     """Batch Levenberg-Marquardt estimate of a world from dead-reckoned poses.
 
@@ -70,14 +71,14 @@ def estimate(
         raise ValueError(f"start is {start!r}: it must be one of {sorted(STARTS)}")
     if method == "oracle":
         the_world = replace(the_world, label_of=the_world.source_of)
-    poses = world.dead_reckoning(the_world.x0_mean, the_world.odometry)
+    poses = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
     landmarks = start_landmarks(the_world, poses, start)
     solution = solve(the_world, conventions, method, (poses, landmarks))
     return solution.poses, solution.landmarks
 
 
 def solve(
-    the_world: world.World, conventions: graph.Conventions, method: str, start: Estimate
+    the_world: simulation.World, conventions: graph.Conventions, method: str, start: Estimate
 ) -> graph.Solution:
     """The solution under the loss of `method` from poses and landmarks to start from.
 
@@ -106,7 +107,7 @@ def levenberg_marquardt(factors: gtsam.NonlinearFactorGraph, values: gtsam.Value
 
 
 def sure_factors(
-    the_world: world.World, conventions: graph.Conventions, landmarks: np.ndarray
+    the_world: simulation.World, conventions: graph.Conventions, landmarks: np.ndarray
 ) -> gtsam.NonlinearFactorGraph:
     """The factors that cannot be outliers: x0 prior, odometry, weak landmark priors.
 
@@ -123,7 +124,7 @@ def sure_factors(
 
 
 def range_factors(
-    the_world: world.World, landmarks: np.ndarray, method: str
+    the_world: simulation.World, landmarks: np.ndarray, method: str
 ) -> gtsam.NonlinearFactorGraph:
     """The ranges, by label, under the loss of `method`; those to a NaN landmark are left out."""
     estimators = gtsam.noiseModel.mEstimator
@@ -144,7 +145,7 @@ def range_factors(
     return factors
 
 
-def start_landmarks(the_world: world.World, poses: np.ndarray, start: str) -> np.ndarray:
+def start_landmarks(the_world: simulation.World, poses: np.ndarray, start: str) -> np.ndarray:
     """(K, 2) start of each landmark, [m]; NaN if fewer than three distinct poses saw it.
 
     Parameters
@@ -153,7 +154,7 @@ def start_landmarks(the_world: world.World, poses: np.ndarray, start: str) -> np
     start : one of `STARTS`
     """
     landmarks = np.full((the_world.n_landmarks, 2), np.nan)
-    variances = world.dead_reckoning_variances(poses, the_world.scenario)
+    variances = dead_reckoning.dead_reckoning_variances(poses, the_world.scenario)
     for k in range(the_world.n_landmarks):
         mine = the_world.label_of == k
         seen_from, ranges = the_world.pose_of[mine], the_world.ranges[mine]

@@ -40,9 +40,6 @@ MALFORMED = (OSError, ValueError, LookupError, TypeError, AttributeError, Recurs
 QUIET_KERNEL = ["--log-level=50"]  # no remarks about its transport or its end
 
 
-# --- freshness ------------------------------------------------------------------------------
-
-
 def provenance(name: str, params: dict[str, Any]) -> dict[str, str]:
     """Hashes of all that a notebook's results depend on."""
     cells = read_notebook(name).cells
@@ -102,9 +99,6 @@ def _is_whole(path: Path, digest: str) -> bool:
     if path.suffix == ".ipynb":
         return bool(content["cells"])
     return bool(report.latex([], [content]))
-
-
-# --- execution ------------------------------------------------------------------------------
 
 
 def run_notebook(name: str) -> None:
@@ -246,9 +240,6 @@ def tidy(notebook: nbformat.NotebookNode) -> None:
         cell.id = f"cell-{number:02d}"
         for dated in ("papermill", "execution"):
             cell.metadata.pop(dated, None)
-
-
-# --- the paper ------------------------------------------------------------------------------
 
 
 def write_latex() -> None:

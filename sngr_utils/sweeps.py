@@ -12,8 +12,10 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from sngr_utils import graph, metrics, variations, windows, world
+from sngr_utils import graph, metrics, windows
 from sngr_utils.baseline import Baseline, run_baseline
+from sngr_utils.world import dead_reckoning, simulation, variations
+from sngr_utils.world.scenario import Scenario
 
 LEVEL = 0.95  # of all confidence intervals
 
@@ -40,7 +42,7 @@ class Sweep:
 
 
 def run_sweep(
-    scenario: world.Scenario,
+    scenario: Scenario,
     presets: Mapping[str, graph.Conventions],
     p_levels: Sequence[float],
     seeds: Sequence[int],
@@ -78,7 +80,7 @@ def _require_distinct(name: str, given: Iterable) -> None:
 
 
 def _run_one(
-    scenario: world.Scenario,
+    scenario: Scenario,
     preset: str,
     conventions: graph.Conventions,
     p: float,
@@ -99,7 +101,7 @@ def _run_one(
 
 
 def _run_row(run: Baseline) -> dict[str, float]:
-    blind = world.dead_reckoning(run.world.x0_mean, run.world.odometry)
+    blind = dead_reckoning.dead_reckoning(run.world.x0_mean, run.world.odometry)
     return {
         "pose_rmse": run.pose_rmse,
         "landmark_rmse": run.landmark_rmse,
@@ -221,7 +223,7 @@ def _signed_rank(differences: np.ndarray) -> float:
 
 
 def nees_variants(
-    scenario: world.Scenario,
+    scenario: Scenario,
     conventions: graph.Conventions,
     seeds: Sequence[int],
     jobs: int | None = None,
@@ -243,10 +245,10 @@ def nees_variants(
 
 
 def _nees_rows(
-    scenario: world.Scenario, conventions: graph.Conventions, seed: int
+    scenario: Scenario, conventions: graph.Conventions, seed: int
 ) -> list[tuple[str, str, int, float]]:
     rng = np.random.default_rng(seed)
-    the_world = world.simulate(scenario, 0.0, rng=rng)
+    the_world = simulation.simulate(scenario, 0.0, rng=rng)
     (prior_rng,) = rng.spawn(1)
     drawn = variations.draw_x0(the_world, conventions.x0_sigmas, rng=prior_rng)
     rows = []

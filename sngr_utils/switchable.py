@@ -12,7 +12,8 @@ import numpy as np
 from gtsam.symbol_shorthand import L, S, X
 from scipy import integrate, optimize
 
-from sngr_utils import graph, robust, world
+from sngr_utils import graph, robust
+from sngr_utils.world import simulation
 
 
 def _efficiency(c: float) -> float:
@@ -39,7 +40,7 @@ SWITCH_SIGMA = 1 / optimize.brentq(lambda c: _efficiency(c) - 0.95, 1, 10)
 
 
 def solve(
-    the_world: world.World,
+    the_world: simulation.World,
     conventions: graph.Conventions,
     start: robust.Estimate,
     switch_sigma: float = SWITCH_SIGMA,
@@ -83,7 +84,7 @@ def solve(
     return graph.Solution(None, factors, result, the_world.n_poses, the_world.n_landmarks)
 
 
-def switched_ranges(the_world: world.World, t: int, here: np.ndarray) -> gtsam.CustomFactor:
+def switched_ranges(the_world: simulation.World, t: int, here: np.ndarray) -> gtsam.CustomFactor:
     """One factor for the (n,) ranges `here`, all of pose t: n residuals, each with its switch.
 
     One factor for each pose and not for each range: what costs is the call of Python.

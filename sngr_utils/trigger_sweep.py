@@ -9,7 +9,8 @@ from pydantic import Field, model_validator
 
 from sngr_utils import graph, report, windows
 from sngr_utils.baseline import Baseline, run_baseline
-from sngr_utils.world import Positive, Probability, Scenario, Seed
+from sngr_utils.settings import Positive, Probability, Seed
+from sngr_utils.world.scenario import Scenario
 
 
 class Config(Scenario):

@@ -19,7 +19,8 @@ from sngr_utils import (
     windows,
 )
 from sngr_utils.detection_study import Case
-from sngr_utils.world import ManyWorlds, Positive, Probability, Seed
+from sngr_utils.settings import Positive, Probability, Seed
+from sngr_utils.world.scenario import ManyWorlds
 
 READING = "C"  # preset: GTSAM's own iSAM2 settings
 NULL_SCENARIOS = ("radius 3 m", "100 poses")  # where the estimate that is tested matters

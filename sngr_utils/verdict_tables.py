@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from sngr_utils import claims, paths, report, rules, verdicts
+from sngr_utils import claims, graph, paths, report, rules, verdicts
 from sngr_utils.parameters import ProjectError, notebook_names
 from sngr_utils.verdicts import Row
 
@@ -17,7 +17,7 @@ HEADS = dict(zip(rules.VERDICTS, ("R", "T", "N", "C", "–"), strict=True))
 
 def judged(results: dict[str, dict]) -> dict[str, list[Row]]:
     """Preset -> verdicts under it."""
-    return {preset: verdicts.evaluate(results, preset) for preset in claims.PRESETS}
+    return {preset: verdicts.evaluate(results, preset) for preset in graph.PRESETS}
 
 
 def result(by_preset: dict[str, list[Row]]) -> dict:

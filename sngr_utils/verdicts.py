@@ -89,9 +89,6 @@ def _value(results: dict[str, dict], key: str) -> float:
     return math.nan if value is None else float(value)
 
 
-# --- numbers --------------------------------------------------------------------------------
-
-
 def _numbers(
     entry: NumberEntry, results: dict[str, dict], preset: str, clashes: list[Contradiction]
 ) -> Iterator[Row]:
@@ -175,9 +172,6 @@ def _ours(entry: dict, decimals: int) -> tuple[str, str, float | None]:
     return shown, n, entry["value"]
 
 
-# --- prose ----------------------------------------------------------------------------------
-
-
 def _prose(
     entry: ProseEntry, results: dict[str, dict], preset: str, clashes: list[Contradiction]
 ) -> Iterator[Row]:
@@ -231,9 +225,6 @@ def claim_holds(entry: ProseEntry, results: dict[str, dict], preset: str) -> np.
 def _within(entry: ProseEntry, x: np.ndarray) -> np.ndarray:
     x = np.abs(x) if entry.magnitude else x
     return (x > entry.above) & (x >= entry.at_least) & (x <= entry.at_most)
-
-
-# --- all together ---------------------------------------------------------------------------
 
 
 def frame(rows: list[Row]) -> pd.DataFrame:

@@ -7,9 +7,10 @@ import gtsam
 import joblib
 import numpy as np
 
-from sngr_utils import compiled, contest, engines, estimators, graph, mirror, online, world
+from sngr_utils import compiled, contest, engines, estimators, graph, mirror, online
 from sngr_utils.chain import selected_inverse
 from sngr_utils.nested import SamplerSettings
+from sngr_utils.world import scenario, simulation
 
 
 def compile_all(jobs: int = 2) -> None:
@@ -54,8 +55,8 @@ def _sample(engine: str) -> None:
     compiled.log_likelihoods(factors, np.zeros((1, 2)))
 
 
-def _small() -> world.World:
-    return world.simulate(world.Scenario(n_poses=12), 0.2, rng=np.random.default_rng(0))
+def _small() -> simulation.World:
+    return simulation.simulate(scenario.Scenario(n_poses=12), 0.2, rng=np.random.default_rng(0))
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from numba.extending import overload
 
 from sngr_utils.compiled_nested import evaluate
 from sngr_utils.jit import compile_once
-from sngr_utils.world import World
+from sngr_utils.world.simulation import World
 
 LOG_TAU = math.log(2 * math.pi)
 NOTHING = 40.0  # nats below the largest term of a sum: less than its rounding error
@@ -168,9 +168,6 @@ def window_of(world: World, x0_sigmas: list[float], p: float, n_ranges: int) -> 
     )  # fmt: skip
 
 
-# --- compiled -------------------------------------------------------------------------------
-
-
 @overload(evaluate)
 def _evaluate_window(factors, x, poses, points, limit):
     if getattr(factors, "instance_class", None) is WindowFactors:
@@ -180,7 +177,7 @@ def _evaluate_window(factors, x, poses, points, limit):
 
 @compile_once
 def place(noises, x0_mean, x0_sigmas, odometry, sigmas, out):
-    """(n, 2) positions of `world.dead_reckoning` with every motion disturbed, into `out`."""
+    """(n, 2) positions of `dead_reckoning.dead_reckoning` with every motion disturbed, into `out`."""
     x, y, theta = x0_mean[0], x0_mean[1], x0_mean[2]
     for t in range(len(odometry) + 1):
         dx, dy, turn = 0.0, 0.0, 0.0

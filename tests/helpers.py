@@ -7,10 +7,12 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 
-from sngr_utils import graph, landmark_target, paths, variations, window_target, world
+from sngr_utils import graph, landmark_target, paths, window_target
+from sngr_utils.world import simulation, variations
+from sngr_utils.world.scenario import Scenario
 
 SIGMAS = graph.PRESETS["C"].x0_sigmas
-WEAK = world.Scenario(n_poses=3, odometry_sigma_xy=0.5, odometry_sigma_theta=0.1)
+WEAK = Scenario(n_poses=3, odometry_sigma_xy=0.5, odometry_sigma_theta=0.1)
 
 
 def anchors(distance=4.0, measured=3.0, sigma=0.2):
@@ -23,14 +25,16 @@ def anchors(distance=4.0, measured=3.0, sigma=0.2):
 
 
 def a_world(seed=100):
-    return world.simulate(world.Scenario(), 0.0, rng=np.random.default_rng(seed))
+    return simulation.simulate(Scenario(), 0.0, rng=np.random.default_rng(seed))
 
 
 def window(n_ranges=1, seed=100, range_sigma=0.1, **changes):
     """Three poses, each with ranges that may belong to any of six landmarks."""
     rng = np.random.default_rng(seed)
     scenario = WEAK.model_copy(update={"range_sigma": range_sigma})
-    the_world = variations.draw_x0(world.simulate(scenario, 0.4, rng=rng), [0.5, 0.5, 0.1], rng=rng)
+    the_world = variations.draw_x0(
+        simulation.simulate(scenario, 0.4, rng=rng), [0.5, 0.5, 0.1], rng=rng
+    )
     return replace(window_target.window_of(the_world, [0.5, 0.5, 0.1], 0.4, n_ranges), **changes)
 
 

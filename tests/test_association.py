@@ -9,7 +9,8 @@ import pytest
 from gtsam.symbol_shorthand import X
 from scipy import linalg, special, stats
 
-from sngr_utils import association, graph, metrics, robust, world
+from sngr_utils import association, graph, metrics, robust
+from sngr_utils.world import scenario, simulation
 
 C = graph.PRESETS["C"]
 
@@ -59,7 +60,7 @@ def test_too_many_ranges_and_too_many_landmarks_are_refused():
         association.exclusive_posterior(crowded)
     with pytest.raises(ValueError, match="n_landmarks is 15"):
         association.exclusive_posterior(np.zeros((1, 16)))
-    clean = world.simulate(world.Scenario(), 0.0, rng=np.random.default_rng(0))
+    clean = simulation.simulate(scenario.Scenario(), 0.0, rng=np.random.default_rng(0))
     with pytest.raises(ValueError, match="start is 'truth'"):
         association.estimate(clean, C, "truth", False)
 
@@ -71,9 +72,9 @@ def test_prior_of_a_label_and_of_all_others_alike():
 
 def scans(pose_of, label_of, ranges, poses, landmarks, sigma=0.1):
     """A world from what EM reads of it."""
-    return world.World(
+    return simulation.World(
         poses, landmarks, np.zeros((len(poses) - 1, 3)), np.array(pose_of), np.array(label_of),
-        np.array(label_of), np.array(ranges), world.Scenario(range_sigma=sigma), poses[0],
+        np.array(label_of), np.array(ranges), scenario.Scenario(range_sigma=sigma), poses[0],
     )  # fmt: skip
 
 
@@ -141,7 +142,7 @@ def test_ranges_are_weighted_by_their_responsibilities():
 
 @pytest.mark.parametrize("exclusive", [False, True])
 def test_on_clean_data_em_is_the_oracle(exclusive):
-    clean = world.simulate(world.Scenario(), 0.0, rng=np.random.default_rng(101))
+    clean = simulation.simulate(scenario.Scenario(), 0.0, rng=np.random.default_rng(101))
     found = association.estimate(clean, C, "grid", exclusive)
     poses, landmarks = robust.estimate(clean, C, "oracle", "grid")
     # the posterior of a right label is below one by less than 1e-2 where circles cross
@@ -164,7 +165,7 @@ def _oracle_graph(clean, poses, landmarks):
 def test_with_wrong_labels_em_stays_near_the_oracle_and_finds_p():
     """Least squares is worse by more than twice on all of these; EM by less than a quarter."""
     for seed in (110, 111, 112):
-        wrong = world.simulate(world.Scenario(), 0.3, rng=np.random.default_rng(seed))
+        wrong = simulation.simulate(scenario.Scenario(), 0.3, rng=np.random.default_rng(seed))
         truth = wrong.poses[:, :2]
         ratio = {}
         oracle = metrics.rmse(robust.estimate(wrong, C, "oracle", "grid")[0][:, :2], truth)
@@ -236,9 +237,9 @@ def test_what_the_associations_withhold_is_the_curvature_of_the_mixture():
     sigma, poses = 0.1, np.array([[0.0, 0.0, 0.3]])
     landmarks = np.array([[1e5, 0.0], [1e5 * np.cos(1.0), 1e5 * np.sin(1.0)]])
     range_ = 1e5 + 0.1
-    drawn = world.World(
+    drawn = simulation.World(
         poses, landmarks, np.empty((0, 3)), np.zeros(1, int), np.zeros(1, int), np.zeros(1, int),
-        np.array([range_]), world.Scenario(range_sigma=sigma), poses[0],
+        np.array([range_]), scenario.Scenario(range_sigma=sigma), poses[0],
     )  # fmt: skip
     weights = association.responsibilities(drawn, poses, landmarks, 0.4, 1.0, False)
     missing = association._missing_information(drawn, poses, landmarks, np.arange(2), weights)

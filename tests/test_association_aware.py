@@ -2,8 +2,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sngr_utils import association_aware, estimators, online_plots, online_study, report, style
-from sngr_utils import online_tables as tables
+from sngr_utils import (
+    association_aware,
+    estimators,
+    online_plots,
+    online_study,
+    online_tables,
+    report,
+    style,
+)
 
 CONFIG = association_aware.Config(
     n_seeds=2,
@@ -26,16 +33,16 @@ def test_all_meet_the_same_worlds(runs):
     counts = runs.groupby(["method", "p"]).size().unstack()
     assert (counts[0.4] == 2).all()
     kept = set(counts.index[counts[0.0].notna()])
-    assert kept == {online_study.NAME, tables.BATCH, "oracle"}
+    assert kept == {online_study.NAME, online_tables.BATCH, "oracle"}
     assert (runs.loc[runs["method"] == "oracle", "ratio"] == 1).all()
 
 
 def test_tables_hold_what_the_frame_holds(runs):
-    goal = tables.goal_table(runs)
+    goal = online_tables.goal_table(runs)
     ours = runs[(runs["method"] == online_study.NAME) & (runs["p"] == 0.4)]
     assert goal.iloc[1]["online: ratio"] == f"{ours['ratio'].mean():.3f}"
-    assert len(tables.test_table(runs)) == runs["method"].nunique() - 2  # ours, the oracle
-    counts = tables.counts_table(runs, 14)
+    assert len(online_tables.test_table(runs)) == runs["method"].nunique() - 2  # ours, the oracle
+    counts = online_tables.counts_table(runs, 14)
     share = 100 * (ours["position samples"] + ours["landmark samples"]).mean() / 14
     assert counts.iloc[1]["nested sampling", "% of windows"] == f"{share:.1f}"
     asked = ours["landmark questions"].mean()
@@ -44,7 +51,7 @@ def test_tables_hold_what_the_frame_holds(runs):
 
 def test_p_values_are_those_of_the_paired_test_and_never_smaller(runs):
     """Of all tests the largest p-value is as it was (Benjamini and Hochberg)."""
-    table = tables.test_table(runs).set_index(("", "method"))
+    table = online_tables.test_table(runs).set_index(("", "method"))
     (p,) = [p for p in dict.fromkeys(runs.loc[runs["method"] == "huber", "p"]) if p > 0]
     shown = table[f"p = {p:g}", "p-value"].astype(float)
     peers = [m for m in estimators.METHODS if m != "oracle"]
@@ -55,7 +62,7 @@ def test_p_values_are_those_of_the_paired_test_and_never_smaller(runs):
 
 
 def test_summary_draws_every_method(runs):
-    series = tables.summary_series(runs, {online_study.NAME: "association-aware SNGR"})
+    series = online_tables.summary_series(runs, {online_study.NAME: "association-aware SNGR"})
     assert len(series) == runs["method"].nunique() - 1
     assert set(online_plots.NAMED) <= set(series)
     _, ax = style.figure()

@@ -3,8 +3,17 @@ import pandas as pd
 import pytest
 from ruamel.yaml import YAML
 
-from sngr_utils import audit, claims, graph, parameters, paths, refine, report, sampler_audit
-from sngr_utils import audit_tables as tables
+from sngr_utils import (
+    audit,
+    audit_tables,
+    claims,
+    graph,
+    parameters,
+    paths,
+    refine,
+    report,
+    sampler_audit,
+)
 
 
 @pytest.fixture(scope="module")
@@ -67,16 +76,22 @@ def test_tables_are_whole(small, sweep, studies):
     runs, detections = sweep.runs, sweep.detections
     n_levels, n_presets = len(small.p_levels), len(graph.PRESETS)
     printed = {0.0: 0.15}
-    assert tables.by_preset(runs, "pose_rmse", printed=printed).shape == (n_levels, 2 + n_presets)
-    assert tables.detection_table(detections, runs, small.tau).shape == (n_levels * n_presets, 8)
-    assert len(tables.silent_table(detections)) == len(small.taus)
+    assert audit_tables.by_preset(runs, "pose_rmse", printed=printed).shape == (
+        n_levels,
+        2 + n_presets,
+    )
+    assert audit_tables.detection_table(detections, runs, small.tau).shape == (
+        n_levels * n_presets,
+        8,
+    )
+    assert len(audit_tables.silent_table(detections)) == len(small.taus)
     rows = audit.auc_rows(sweep, rng=np.random.default_rng(0))
-    assert len(tables.auc_table(rows)) == n_levels * n_presets
-    assert len(tables.units_table(sweep.scores)) == n_presets
+    assert len(audit_tables.auc_table(rows)) == n_levels * n_presets
+    assert len(audit_tables.units_table(sweep.scores)) == n_presets
     for frame, make in (
-        (studies.widths, tables.widths_table), (studies.ratios, tables.ratios_table),
-        (studies.gains, tables.convergence_table), (studies.ess, tables.ess_table),
-        (studies.gaussianity, tables.gaussianity_table), (studies.evidence, tables.evidence_table),
+        (studies.widths, audit_tables.widths_table), (studies.ratios, audit_tables.ratios_table),
+        (studies.gains, audit_tables.convergence_table), (studies.ess, audit_tables.ess_table),
+        (studies.gaussianity, audit_tables.gaussianity_table), (studies.evidence, audit_tables.evidence_table),
     ):  # fmt: skip
         assert len(make(frame)) >= 2
         assert not make(frame).isna().any().any()
@@ -84,10 +99,10 @@ def test_tables_are_whole(small, sweep, studies):
 
 def test_interval_and_its_absence():
     row = pd.Series({"mean": 1.0, "low": 0.5, "high": 1.5, "n": 9, "missing": 0})
-    assert tables.interval(row) == "1.00 [0.50, 1.50]"
-    assert tables.interval(row.replace({0: 2})) == "1.00 [0.50, 1.50] (9)"
-    assert tables.interval(pd.Series({**row, "n": 4, "missing": 5})) == "1.00 (4)"
-    assert tables.interval(pd.Series({**row, "n": 0})) == "–"
+    assert audit_tables.interval(row) == "1.00 [0.50, 1.50]"
+    assert audit_tables.interval(row.replace({0: 2})) == "1.00 [0.50, 1.50] (9)"
+    assert audit_tables.interval(pd.Series({**row, "n": 4, "missing": 5})) == "1.00 (4)"
+    assert audit_tables.interval(pd.Series({**row, "n": 0})) == "–"
 
 
 def test_readings_of_the_noop_weight_hold_the_closed_form(noisy):

@@ -2,8 +2,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from sngr_utils import bench, cost, graph, nested, plots, refine, report, windows, world
-from sngr_utils.world import simulate
+from sngr_utils import bench, cost, graph, nested, plots, refine, report, windows
+from sngr_utils.world.scenario import Scenario
+from sngr_utils.world.simulation import simulate
 
 SMALL = {"bench_windows": 2, "bench_runs": 2, "reference_draws": 2000, "lengths": [12, 24],
          "n_live": 30, "dlogz": 2.0, "timing_calls": 10}  # fmt: skip
@@ -64,7 +65,7 @@ def test_refining_all_windows_by_the_fast_path_is_cheap():
 def test_growth_measures_what_it_says(engines):
     config, _ = engines
     grown = bench.growth(
-        config.lengths, config.part(world.Scenario), graph.PRESETS["B"], config.seed
+        config.lengths, config.part(Scenario), graph.PRESETS["B"], config.seed
     )  # fmt: skip
     assert set(grown.seconds) == set(bench.GROWTH)
     assert all((seconds > 0).all() for seconds in grown.seconds.values())
@@ -81,7 +82,7 @@ def test_slope_of_a_power_law():
 
 
 def test_long_worlds_keep_the_step():
-    scenario = world.Scenario()
+    scenario = Scenario()
     short, long = (
         bench.long_world(n, scenario, rng=np.random.default_rng(0)) for n in (30, 300)
     )  # fmt: skip

@@ -10,14 +10,8 @@ from gtsam.symbol_shorthand import X
 from helpers import SIGMAS, WEAK, a_world, anchors, window
 from scipy import integrate, stats
 
-from sngr_utils import (
-    brute_force,
-    graph,
-    landmark_target,
-    many_starts,
-    window_target,
-    world,
-)
+from sngr_utils import brute_force, graph, landmark_target, many_starts, window_target
+from sngr_utils.world import dead_reckoning
 
 # --- targets --------------------------------------------------------------------------------
 
@@ -26,9 +20,9 @@ def test_noises_of_a_window_are_the_residuals_of_gtsams_factors():
     """Half their squares is the error of the x0 prior and the odometry, to the turn's curvature."""
     target, rng = window(), np.random.default_rng(1)
     noises = 0.3 * rng.standard_normal(9)
-    start = world.dead_reckoning(target.x0_mean, [noises[:3] * target.x0_sigmas])[-1]
+    start = dead_reckoning.dead_reckoning(target.x0_mean, [noises[:3] * target.x0_sigmas])[-1]
     moved = target.odometry + noises[3:].reshape(2, 3) * target.odometry_sigmas
-    poses = world.dead_reckoning(start, moved)
+    poses = dead_reckoning.dead_reckoning(start, moved)
     np.testing.assert_allclose(target.positions(noises[None])[0], poses[:, :2], atol=1e-12)
     factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     factors.push_back(graph.pose_prior(target.x0_mean, list(target.x0_sigmas)))

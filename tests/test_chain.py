@@ -5,14 +5,16 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L, X
 
-from sngr_utils import chain, graph, windows, world
+from sngr_utils import chain, graph, windows
+from sngr_utils.world import dead_reckoning, simulation
+from sngr_utils.world.scenario import Scenario
 
 TOLERANCE = 1e-9  # of the largest entry of the block compared
 
 
 def simulated(n_poses, n_landmarks, p, seed):
-    scenario = world.Scenario(n_poses=n_poses, n_landmarks=n_landmarks)
-    return world.simulate(scenario, p, rng=np.random.default_rng(seed))
+    scenario = Scenario(n_poses=n_poses, n_landmarks=n_landmarks)
+    return simulation.simulate(scenario, p, rng=np.random.default_rng(seed))
 
 
 def solution_at(the_world, conventions, poses, landmarks):
@@ -91,7 +93,7 @@ def test_equals_gtsam_where_its_logarithm_cancels(spread):
     cannot be asked; a derivative without the cancellation would be off by 1e-5 there.
     """
     rng, drawn = np.random.default_rng(7), simulated(20, 3, 0.0, 3)
-    poses = world.dead_reckoning(drawn.x0_mean, drawn.odometry)
+    poses = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
     poses += rng.normal(size=poses.shape) * [0.05, 0.05, spread]
     solution = solution_at(drawn, graph.PRESETS["A"], poses, drawn.landmarks)
     got = chain.window_covariances(solution, drawn, graph.PRESETS["A"])
@@ -107,7 +109,7 @@ def test_equals_gtsam_across_the_cut_of_the_angle():
     sides = np.where(np.arange(16) % 2, 1, -1)
     poses[:, 2] = sides * (np.pi - rng.exponential(1e-3, 16))
     for turn in (0.0, np.pi):
-        odometry = world.relative_motion(poses) + np.array([0.0, 0.0, turn])
+        odometry = dead_reckoning.relative_motion(poses) + np.array([0.0, 0.0, turn])
         twisted = dataclasses.replace(drawn, odometry=odometry + rng.normal(0, 1e-3, (15, 3)))
         solution = solution_at(twisted, graph.PRESETS["B"], poses, drawn.landmarks)
         assert_equals_gtsam(solution, twisted, graph.PRESETS["B"])

@@ -25,11 +25,11 @@ from sngr_utils import (
     sampler_audit,
     window_audit,
     windows,
-    world,
 )
+from sngr_utils.world import scenario
 
 # Noise a hundredth of the paper's: every window is Gaussian to about a thousandth.
-QUIET = world.Scenario(
+QUIET = scenario.Scenario(
     n_poses=8, n_landmarks=4, odometry_sigma_xy=5e-4, odometry_sigma_theta=1e-4, range_sigma=1e-3
 )
 TIGHT = graph.Conventions(x0_sigmas=[1e-3, 1e-3, 5e-4], landmark_prior_sigma=5e-3)
@@ -307,7 +307,7 @@ def test_long_walks_have_no_bias():
 
 def test_batch_ends_where_gtsams_default_damping_does_not():
     """World 8 under preset A at p = 0.3: lambda underflows with GTSAM's defaults."""
-    base = baseline.run_baseline(world.Scenario(), graph.PRESETS["A"], 0.3, 8)
+    base = baseline.run_baseline(scenario.Scenario(), graph.PRESETS["A"], 0.3, 8)
     settled = corrected.converge(base.solution)
     assert settled.graph.error(settled.estimate) < base.solution.graph.error(base.solution.estimate)
 
@@ -315,7 +315,7 @@ def test_batch_ends_where_gtsams_default_damping_does_not():
 def test_sweep_is_the_same_serial_and_parallel():
     def table(jobs):
         return refined_sweep.run_sweep(
-            world.Scenario(n_poses=8), {"C": graph.PRESETS["C"]}, [0.2], [0, 1],
+            scenario.Scenario(n_poses=8), {"C": graph.PRESETS["C"]}, [0.2], [0, 1],
             ("paper", "conditional"), tau=3.0, jobs=jobs,
         )  # fmt: skip
 

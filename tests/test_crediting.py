@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sngr_utils import crediting, world
+from sngr_utils import crediting
 from sngr_utils.crediting import DROPPED, Innovations
+from sngr_utils.world import scenario, simulation
 
 SIGMA = 0.1
 
@@ -18,10 +19,10 @@ def scans(label_of, pose_of=None, n_landmarks=3, ranges=None):
     poses = np.zeros(len(labels), dtype=int) if pose_of is None else np.array(pose_of)
     measured = np.full(len(labels), 5.0) if ranges is None else np.array(ranges)
     n_poses = poses.max() + 1
-    return world.World(
+    return simulation.World(
         np.full((n_poses, 3), np.nan), np.full((n_landmarks, 2), np.nan),
         np.zeros((n_poses - 1, 3)), poses, labels, np.full(len(labels), -1), measured,
-        world.Scenario(range_sigma=SIGMA), np.zeros(3),
+        scenario.Scenario(range_sigma=SIGMA), np.zeros(3),
     )  # fmt: skip
 
 

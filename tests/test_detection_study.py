@@ -2,22 +2,21 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sngr_utils import detection_study as study
-from sngr_utils import detection_summary as summary
-from sngr_utils import detectors, graph, metrics, windows, world
+from sngr_utils import detection_study, detection_summary, detectors, graph, metrics, windows
+from sngr_utils.world import scenario
 
-PAPER, C = world.Scenario(n_poses=12), graph.PRESETS["C"]
-CASES = [study.Case("paper", 0.2), study.Case("paper", 0.6, 4)]
+PAPER, C = scenario.Scenario(n_poses=12), graph.PRESETS["C"]
+CASES = [detection_study.Case("paper", 0.2), detection_study.Case("paper", 0.6, 4)]
 
 
 @pytest.fixture(scope="module")
 def rows():
-    found = study.run(CASES, PAPER, C, [100, 101], jobs=1)
-    return study.with_either(found, found)
+    found = detection_study.run(CASES, PAPER, C, [100, 101], jobs=1)
+    return detection_study.with_either(found, found)
 
 
 def test_results_do_not_depend_on_the_number_of_processes(rows, forked):
-    again = study.run(CASES, PAPER, C, [100, 101], jobs=2)
+    again = detection_study.run(CASES, PAPER, C, [100, 101], jobs=2)
     pd.testing.assert_frame_equal(again, rows.drop(columns="either"))
 
 
@@ -35,31 +34,33 @@ def test_truth_is_what_the_world_says(rows):
 
 
 def test_a_burst_leaves_the_rest_of_the_world_alone():
-    clean, hit = (study.Case("paper", p, 4).draw(PAPER, 100) for p in (0.0, 1.0))
+    clean, hit = (detection_study.Case("paper", p, 4).draw(PAPER, 100) for p in (0.0, 1.0))
     assert np.array_equal(clean.ranges, hit.ranges)
-    assert not study.wrong_labels(clean).any()
-    assert 4 <= (study.wrong_labels(hit) > 0).sum() <= 6  # windows that meet its four poses
+    assert not detection_study.wrong_labels(clean).any()
+    assert (
+        4 <= (detection_study.wrong_labels(hit) > 0).sum() <= 6
+    )  # windows that meet its four poses
 
 
 def test_scenarios_change_what_they_name():
-    for name, changed in study.SCENARIOS.items():
-        drawn = study.Case(name, 0.0).draw(world.Scenario(), 100).scenario
-        assert drawn == world.Scenario(**changed)
+    for name, changed in detection_study.SCENARIOS.items():
+        drawn = detection_study.Case(name, 0.0).draw(scenario.Scenario(), 100).scenario
+        assert drawn == scenario.Scenario(**changed)
 
 
 def test_thresholds_by_law_or_by_calibration(rows):
-    found = study.thresholds(rows, 0.05)
+    found = detection_study.thresholds(rows, 0.05)
     assert set(found) == set(detectors.SCORES)
     for name in ("chi_square", "chi_square_robust", "either"):
         assert found[name] == pytest.approx(-np.log10(0.05))
-    for name in study.CALIBRATED:
+    for name in detection_study.CALIBRATED:
         assert (rows[name] > found[name]).mean() <= 0.05
 
 
 def test_summaries_agree_with_the_plain_measures(rows):
     rng = np.random.default_rng(0)
-    ranked = summary.ranking(rows, ["disagreement"], "contaminated", rng=rng)
-    decided = summary.decisions(rows, {"disagreement": 0.1}, "contaminated", rng=rng)
+    ranked = detection_summary.ranking(rows, ["disagreement"], "contaminated", rng=rng)
+    decided = detection_summary.decisions(rows, {"disagreement": 0.1}, "contaminated", rng=rng)
     for case in rows["case"].unique():
         group = rows[rows["case"] == case]
         true, score = group["contaminated"].to_numpy(), group["disagreement"].to_numpy()
@@ -81,7 +82,9 @@ def test_the_robust_chi_square_keeps_its_level_where_isam2_does_not():
     0.2 by far. One of the runs that failed folds its map over instead, at the expense of the
     odometry, so that its ranges fit all the same: only the disagreement sees that.
     """
-    found = study.run([study.Case("100 poses", 0.0)], world.Scenario(), C, range(109, 113), 1)
+    found = detection_study.run(
+        [detection_study.Case("100 poses", 0.0)], scenario.Scenario(), C, range(109, 113), 1
+    )
     fired = found.assign(
         plain=found["chi_square"] > 1.301, robust=found["chi_square_robust"] > 1.301,
         apart=found["disagreement"] > windows.FAILURE_ERROR,

@@ -3,14 +3,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sngr_utils import chain, detection_study, detectors, graph, windows, world
+from sngr_utils import chain, detection_study, detectors, graph, windows
+from sngr_utils.world import dead_reckoning, simulation
+from sngr_utils.world.scenario import Scenario
 
 C = graph.PRESETS["C"]
 
 
 @pytest.fixture(scope="module")
 def run():
-    the_world = world.simulate(world.Scenario(n_poses=15), 0.2, rng=np.random.default_rng(100))
+    the_world = simulation.simulate(Scenario(n_poses=15), 0.2, rng=np.random.default_rng(100))
     return the_world, graph.run_isam2(the_world, C)
 
 
@@ -79,9 +81,11 @@ def straight(n_poses, landmark):
     landmarks = np.array([landmark, [100.0, 100.0]])
     ranges = np.linalg.norm(poses[:, :2] - landmarks[0], axis=1)
     index, zero = np.arange(n_poses), np.zeros(n_poses, dtype=int)
-    odometry = world.relative_motion(poses)
-    scenario = world.Scenario(n_poses=n_poses)
-    return world.World(poses, landmarks, odometry, index, zero, zero, ranges, scenario, poses[0])
+    odometry = dead_reckoning.relative_motion(poses)
+    scenario = Scenario(n_poses=n_poses)
+    return simulation.World(
+        poses, landmarks, odometry, index, zero, zero, ranges, scenario, poses[0]
+    )
 
 
 def test_mirror_weight_on_a_line_and_round_a_bend():
@@ -137,7 +141,7 @@ def test_mirror_weight_knows_the_noise():
     distance = np.linalg.norm(bent[:, :2] - [3.0, 2.0], axis=1)
     landmarks, gaps = np.array([[3.0, 2.0], [np.nan, np.nan]]), []
     for sigma in (0.3, 0.6):
-        data = replace(line, ranges=distance, scenario=world.Scenario(n_poses=6, range_sigma=sigma))
+        data = replace(line, ranges=distance, scenario=Scenario(n_poses=6, range_sigma=sigma))
         weight = detectors.mirror_weight(data, bent, landmarks)[-1]
         gaps.append(np.log(1 / weight - 1))
     assert gaps[0] == pytest.approx(4 * gaps[1], rel=1e-6)
@@ -152,7 +156,7 @@ def test_either_is_bonferroni():
 
 def test_scores_read_no_truth():
     case = detection_study.Case("paper", 0.3)
-    the_world = case.draw(world.Scenario(n_poses=12), 100)
+    the_world = case.draw(Scenario(n_poses=12), 100)
     blind = replace(
         the_world,
         poses=np.full_like(the_world.poses, np.nan),

@@ -14,17 +14,16 @@ from sngr_utils import (
     nested,
     refine,
     robust,
-    variations,
     windows,
-    world,
 )
+from sngr_utils.world import dead_reckoning, scenario, simulation, variations
 
 C = graph.PRESETS["C"]
 FEW = fastslam.Settings(n_particles=50)
 
 
 def make(p, seed=100):
-    return world.simulate(world.Scenario(), p, rng=np.random.default_rng(seed))
+    return simulation.simulate(scenario.Scenario(), p, rng=np.random.default_rng(seed))
 
 
 def estimate(the_world, method, start="grid"):
@@ -33,7 +32,7 @@ def estimate(the_world, method, start="grid"):
 
 @pytest.fixture(scope="module")
 def runs():
-    return estimators.compare(world.Scenario(), C, [0.2], range(100, 104), jobs=1)
+    return estimators.compare(scenario.Scenario(), C, [0.2], range(100, 104), jobs=1)
 
 
 @pytest.mark.parametrize("method", estimators.METHODS)
@@ -68,12 +67,14 @@ def test_a_landmark_seen_from_two_poses_only_is_left_out_by_every_method(method)
 def test_dead_reckoning_is_what_odometry_says():
     drawn = make(0.3)
     found = estimate(drawn, "dead_reckoning")
-    blind = world.dead_reckoning(drawn.x0_mean, drawn.odometry)
+    blind = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
     assert np.allclose(found.poses, blind)
-    rigid = world.rigid_covariances(blind, C.x0_sigmas)
+    rigid = dead_reckoning.rigid_covariances(blind, C.x0_sigmas)
     assert np.allclose(found.position_covariances[0], rigid[0])
     steps = np.trace(found.position_covariances - rigid, axis1=1, axis2=2) / 2
-    assert np.allclose(steps, world.dead_reckoning_variances(blind, drawn.scenario), rtol=1e-6)
+    assert np.allclose(
+        steps, dead_reckoning.dead_reckoning_variances(blind, drawn.scenario), rtol=1e-6
+    )
 
 
 def test_methods_are_those_of_their_modules():
@@ -139,7 +140,7 @@ def test_compare_is_one_estimate_per_row_in_any_order_of_work(runs):
     assert row.pose_rmse == metrics.rmse(found.poses[:, :2], drawn.poses[:, :2])
     assert row.landmark_rmse == metrics.rmse(found.landmarks, drawn.landmarks)
     with joblib.parallel_config(backend="threading", n_jobs=2):
-        again = estimators.compare(world.Scenario(), C, [0.2], [103, 102])
+        again = estimators.compare(scenario.Scenario(), C, [0.2], [103, 102])
     order = ["seed", "method"]
     ours, theirs = (
         frame[frame.seed.isin([102, 103])].drop(columns="seconds").sort_values(order)
@@ -181,6 +182,6 @@ def test_unknown_names_are_refused():
     with pytest.raises(ValueError, match="start is 'truth'"):
         estimate(make(0.0), "huber", "truth")
     with pytest.raises(ValueError, match="method is 'tukey'"):
-        estimators.compare(world.Scenario(), C, [0.0], [100], ["tukey"])
+        estimators.compare(scenario.Scenario(), C, [0.0], [100], ["tukey"])
     with pytest.raises(ValueError, match="start is 'truth'"):
-        estimators.compare(world.Scenario(), C, [0.0], [100], ["huber"], ["truth"])
+        estimators.compare(scenario.Scenario(), C, [0.0], [100], ["huber"], ["truth"])

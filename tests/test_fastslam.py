@@ -3,14 +3,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sngr_utils import crossings, fastslam, graph, metrics, particles, variations, world
+from sngr_utils import crossings, fastslam, graph, metrics, particles
+from sngr_utils.world import dead_reckoning, scenario, simulation, variations
 
 C = graph.PRESETS["C"]
 SETUP = particles.Setup(np.array([0.05, 0.05, 0.01]), 0.1, 5.0, 8.0, 8, 50.0)
 
 
 def make(p, seed=100):
-    return world.simulate(world.Scenario(), p, rng=np.random.default_rng(seed))
+    return simulation.simulate(scenario.Scenario(), p, rng=np.random.default_rng(seed))
 
 
 def run(the_world, seed=0, **settings):
@@ -34,7 +35,7 @@ def test_better_than_odometry_with_and_without_wrong_labels(runs):
         for the_world, found in pairs:
             truth = the_world.poses[:, :2]
             ours.append(metrics.rmse(found.poses[:, :2], truth))
-            odometry = world.dead_reckoning(the_world.x0_mean, the_world.odometry)
+            odometry = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
             blind.append(metrics.rmse(odometry[:, :2], truth))
         assert np.mean(ours) < np.mean(blind)
 
@@ -73,14 +74,14 @@ def test_moving_the_prior_moves_everything_rigidly():
 def test_rigid_covariances_are_those_of_a_drawn_prior():
     """J Sigma J^T with J by finite differences of dead reckoning from a moved first pose."""
     drawn, sigmas, h = make(0.0), np.array([0.1, 0.2, 0.05]), 1e-6
-    poses = world.dead_reckoning(drawn.x0_mean, drawn.odometry)
+    poses = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
     columns = []
     for i in range(3):
-        first = world.dead_reckoning(drawn.x0_mean, h * np.eye(3)[i][None])[-1]
-        columns.append((world.dead_reckoning(first, drawn.odometry) - poses)[:, :2] / h)
+        first = dead_reckoning.dead_reckoning(drawn.x0_mean, h * np.eye(3)[i][None])[-1]
+        columns.append((dead_reckoning.dead_reckoning(first, drawn.odometry) - poses)[:, :2] / h)
     by_x0 = np.array(columns).transpose(1, 2, 0) * sigmas
     expected = by_x0 @ by_x0.transpose(0, 2, 1)
-    assert np.allclose(world.rigid_covariances(poses, list(sigmas)), expected, atol=1e-5)
+    assert np.allclose(dead_reckoning.rigid_covariances(poses, list(sigmas)), expected, atol=1e-5)
 
 
 def test_systematic_resampling_draws_the_expected_number_but_for_rounding():

@@ -6,7 +6,9 @@ import pytest
 from gtsam.symbol_shorthand import L, X
 from helpers import dense_covariance
 
-from sngr_utils import baseline, graph, windows, world
+from sngr_utils import baseline, graph, windows
+from sngr_utils.world import simulation
+from sngr_utils.world.scenario import Scenario
 
 
 @pytest.mark.parametrize(
@@ -31,7 +33,7 @@ def test_position_covariances_in_both_frames(clean):
 
 def test_factor_errors_are_half_squared_residuals():
     """Equations "odometry" and "range", and the prior: error() holds the one half already."""
-    scenario, values = world.Scenario(), gtsam.Values()
+    scenario, values = Scenario(), gtsam.Values()
     values.insert(X(0), gtsam.Pose2(0.3, 0.4, 0.1))
     values.insert(X(1), gtsam.Pose2(1.0, 0.0, 0.2))
     values.insert(L(0), np.array([4.0, 4.0]))
@@ -59,8 +61,8 @@ def test_landmark_start_recovers_noise_free_position():
 
 def test_landmark_start_knows_nothing_of_the_truth():
     """The same data with other true positions and labels of truth give the same estimate."""
-    drawn = world.simulate(world.Scenario(), 0.3, rng=np.random.default_rng(2))
-    blind = world.World(
+    drawn = simulation.simulate(Scenario(), 0.3, rng=np.random.default_rng(2))
+    blind = simulation.World(
         poses=np.vstack([drawn.poses[:1], np.full((29, 3), np.nan)]),
         landmarks=np.full((6, 2), np.nan),
         odometry=drawn.odometry,
@@ -82,9 +84,9 @@ def test_every_measurement_becomes_a_factor(clean):
 
 
 def test_landmark_seen_from_two_poses_only_is_left_out():
-    drawn = world.simulate(world.Scenario(), 0.0, rng=np.random.default_rng(0))
+    drawn = simulation.simulate(Scenario(), 0.0, rng=np.random.default_rng(0))
     kept = (drawn.label_of != 5) | (drawn.pose_of < 2)
-    fewer = world.World(
+    fewer = simulation.World(
         drawn.poses, drawn.landmarks, drawn.odometry, drawn.pose_of[kept], drawn.label_of[kept],
         drawn.source_of[kept], drawn.ranges[kept], drawn.scenario,
         drawn.x0_mean,
@@ -110,7 +112,7 @@ def test_preset_b_reproduces_the_printed_clean_counts(clean):
 
 @pytest.mark.parametrize("n_poses", [3, 4, 40])
 def test_other_lengths_run(n_poses):
-    scenario = world.Scenario(n_poses=n_poses)
+    scenario = Scenario(n_poses=n_poses)
     run = baseline.run_baseline(scenario, graph.PRESETS["C"], 0.2, 4)
     assert len(run.scores) == windows.n_windows(n_poses) == n_poses - 2
     assert np.isfinite(run.nees)

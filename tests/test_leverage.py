@@ -8,7 +8,8 @@ import pytest
 from gtsam.symbol_shorthand import L, X
 from scipy import special, stats
 
-from sngr_utils import chain, graph, leverage, windows, world
+from sngr_utils import chain, graph, leverage, windows
+from sngr_utils.world import scenario, simulation
 
 C = graph.PRESETS["C"]
 
@@ -16,7 +17,7 @@ C = graph.PRESETS["C"]
 @pytest.fixture(scope="module")
 def solved():
     """A world with an uneven number of ranges per pose, and its iSAM2 run."""
-    drawn = world.simulate(world.Scenario(n_poses=12), 0.0, rng=np.random.default_rng(100))
+    drawn = simulation.simulate(scenario.Scenario(n_poses=12), 0.0, rng=np.random.default_rng(100))
     kept = np.random.default_rng(0).random(len(drawn.ranges)) < 0.7
     drawn = drawn.keep(kept)
     return drawn, graph.run_isam2(drawn, C)
@@ -84,7 +85,7 @@ def test_the_law_holds_for_isam2_on_clean_worlds():
     """
     ratios = []
     for seed in range(200, 260):
-        the_world = world.simulate(world.Scenario(), 0.0, rng=np.random.default_rng(seed))
+        the_world = simulation.simulate(scenario.Scenario(), 0.0, rng=np.random.default_rng(seed))
         test = chi_square_of(the_world, graph.run_isam2(the_world, C))
         ratios.append(test.statistic[14] / test.rank[14])
     assert np.mean(ratios) == pytest.approx(1, abs=5 * np.sqrt(2 / (18 * 60)))

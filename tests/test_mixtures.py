@@ -3,14 +3,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sngr_utils import graph, metrics, mixtures, robust, world
+from sngr_utils import graph, metrics, mixtures, robust
+from sngr_utils.world import dead_reckoning, simulation
+from sngr_utils.world.scenario import Scenario
 
 C = graph.PRESETS["C"]
 
 
 def drawn(p=0.3, seed=100, start="grid"):
-    the_world = world.simulate(world.Scenario(), p, rng=np.random.default_rng(seed))
-    blind = world.dead_reckoning(the_world.x0_mean, the_world.odometry)
+    the_world = simulation.simulate(Scenario(), p, rng=np.random.default_rng(seed))
+    blind = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
     return the_world, (blind, robust.start_landmarks(the_world, blind, start))
 
 
@@ -31,9 +33,9 @@ def test_a_range_goes_to_the_landmark_that_explains_it_unless_its_label_nearly_d
     """The label weighs (K-1) times another landmark: it keeps a range up to ln(K-1) nats worse."""
     edge = 0.1 * np.sqrt(2 * np.log(2))
     poses, landmarks = np.zeros((1, 3)), np.array([[2.0, 0.0], [2.0 + edge, 0.0], [9.0, 0.0]])
-    scenario, none = world.Scenario(n_landmarks=3), np.zeros(4, int)
+    scenario, none = Scenario(n_landmarks=3), np.zeros(4, int)
     ranges = np.array([9.0, 2.0, 2.0 + 0.99 * edge, 2.0 + 1.01 * edge])
-    the_world = world.World(
+    the_world = simulation.World(
         poses, landmarks, np.zeros((0, 3)), none, none, none, ranges, scenario, poses[0]
     )
     chosen, sigmas = mixtures.choose_landmark(the_world, poses, landmarks)

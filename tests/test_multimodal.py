@@ -6,8 +6,7 @@ import pandas as pd
 import pytest
 from helpers import signatures
 
-from sngr_utils import contest, mirror, multimodal
-from sngr_utils import multimodal_tables as tables
+from sngr_utils import contest, mirror, multimodal, multimodal_tables
 
 QUICK = multimodal.Config(
     n_seeds=2, n_sampled=2, poses_seen=[2, 8], poses_sampled=[2], ranges_per_pose=[1],
@@ -80,7 +79,7 @@ def test_the_window_score_is_that_of_the_poses():
 
 def test_every_case_is_counted_once_and_every_method_judged(landmarks):
     found = multimodal.run_windows(QUICK)
-    rows = tables.detection_rows(QUICK, landmarks, found)
+    rows = multimodal_tables.detection_rows(QUICK, landmarks, found)
     counted = rows[["found", "missed", "false", "silent"]].sum(axis=1)
     assert set(counted[rows["case"] == "landmark"]) == {len(landmarks)}
     assert set(counted[rows["case"] == "window"]) == {len(found)}
@@ -88,8 +87,8 @@ def test_every_case_is_counted_once_and_every_method_judged(landmarks):
     for case in ("landmark", "window", "two anchors, from the saddle"):
         assert set(runs.loc[runs["case"] == case, "method"]) == set(contest.METHODS)
     assert runs["mass_error"].between(0, 1).all()
-    assert list(tables.summary_table(runs)["method"]) == list(contest.METHODS)
-    assert set(tables.mass_errors(runs)) == {"landmark, few poses", "window"}
+    assert list(multimodal_tables.summary_table(runs)["method"]) == list(contest.METHODS)
+    assert set(multimodal_tables.mass_errors(runs)) == {"landmark, few poses", "window"}
     narrow = runs.query("case == 'two anchors, from the mode' and method == 'c = 1'")
     assert (narrow["mass_error"] > 0.45).all()
     anchors = runs.query("case == 'two anchors, from the saddle'")

@@ -21,17 +21,16 @@ from sngr_utils import (
     place,
     robust,
     smoother,
-    variations,
-    world,
 )
+from sngr_utils.world import scenario, simulation, variations
 
 C = graph.PRESETS["C"]
 WHOLE = online.Settings()
-SHORT = world.Scenario(n_poses=12)
+SHORT = scenario.Scenario(n_poses=12)
 
 
 def make(p, seed=100):
-    return world.simulate(world.Scenario(), p, rng=np.random.default_rng(seed))
+    return simulation.simulate(scenario.Scenario(), p, rng=np.random.default_rng(seed))
 
 
 def run(drawn, settings=WHOLE, watch=None):
@@ -156,7 +155,7 @@ def test_the_referee_is_asked_where_a_landmark_would_start_on_weights_that_are_n
     monkeypatch, sound, referee, asked
 ):
     """Many starts say that it may; the referee's answer counts, and it is another one here."""
-    positions = world.circle_poses(12, 5.0)[:, :2]
+    positions = simulation.circle_poses(12, 5.0)[:, :2]
     ranges = np.linalg.norm(positions - [1.0, 2.0], axis=1)
     evidence = place.Evidence(
         positions, ranges, np.full(12, 0.01), np.full(12, 0.1), 10.0, np.zeros(2), 8.0
@@ -331,7 +330,7 @@ def test_study_has_every_variant_in_any_order():
 
 def test_slips_are_the_same_for_all():
     frame = online_study.run_slips(SHORT, C, 0.3, 4, 0.7, [100], 1)
-    sound = world.simulate(SHORT, 0.3, rng=np.random.default_rng(100))
+    sound = simulation.simulate(SHORT, 0.3, rng=np.random.default_rng(100))
     drawn = variations.slip(sound, 4, 0.7, rng=np.random.default_rng([100, online_study.SLIPS]))
     oracle, _ = robust.estimate(drawn, C, "oracle", "grid")
     row = frame[frame["method"] == "oracle"].iloc[0]
@@ -351,7 +350,7 @@ def test_bad_settings_are_refused():
         online.Settings(p=1.5)
     with pytest.raises(ValueError, match="nested"):
         online.Settings(nested="grid")
-    many = world.simulate(world.Scenario(n_landmarks=15), 0.2, rng=np.random.default_rng(0))
+    many = simulation.simulate(scenario.Scenario(n_landmarks=15), 0.2, rng=np.random.default_rng(0))
     with pytest.raises(ValueError, match="n_landmarks is 15"):
         run(many)
     assert isinstance(run(make(0.0).first(3)).counts, Counter)

@@ -3,22 +3,13 @@
 import dynesty
 import numpy as np
 
-from sngr_utils import (
-    bimodal,
-    cost,
-    full_sngr,
-    graph,
-    nested,
-    refine,
-    trigger_sweep,
-    windows,
-    world,
-)
+from sngr_utils import bimodal, cost, full_sngr, graph, nested, refine, trigger_sweep, windows
+from sngr_utils.world import scenario
 
 
 def test_scenario():
     """A circle of 5 m in 30 poses, 6 landmarks in [-4, 4]^2 m; 0.05 m, 0.01 rad, 0.1 m."""
-    assert world.Scenario().model_dump() == {
+    assert scenario.Scenario().model_dump() == {
         "n_poses": 30, "radius": 5.0, "n_landmarks": 6, "landmark_half_width": 4.0,
         "odometry_sigma_xy": 0.05, "odometry_sigma_theta": 0.01, "range_sigma": 0.1,
     }  # fmt: skip

@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sngr_utils import compiled, mirror, place, world
+from sngr_utils import compiled, mirror, place
+from sngr_utils.world import dead_reckoning, scenario, simulation
 
 
 def evidence_of(seed, n_poses, wrong=0.2):
     """The ranges that n dead-reckoned poses have of each landmark of a world."""
-    drawn = world.simulate(world.Scenario(), 0.2, rng=np.random.default_rng(seed))
-    blind = world.dead_reckoning(drawn.x0_mean, drawn.odometry)
-    variances = world.dead_reckoning_variances(blind, drawn.scenario) + 0.1**2
+    drawn = simulation.simulate(scenario.Scenario(), 0.2, rng=np.random.default_rng(seed))
+    blind = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
+    variances = dead_reckoning.dead_reckoning_variances(blind, drawn.scenario) + 0.1**2
     for k in range(drawn.n_landmarks):
         mine = (drawn.label_of == k) & (drawn.pose_of < n_poses)
         seen_from, ranges = drawn.pose_of[mine], drawn.ranges[mine]
@@ -146,7 +147,7 @@ def test_a_straight_line_leaves_two_modes_of_one_half_each():
 
 
 def test_a_circle_around_a_landmark_leaves_one():
-    positions = world.circle_poses(12, 5.0)[:, :2]
+    positions = simulation.circle_poses(12, 5.0)[:, :2]
     ranges = np.linalg.norm(positions - [1.0, 2.0], axis=1)
     ranges[3] += 2.0  # one of them is wrong
     evidence = place.Evidence(

@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sngr_utils import graph, metrics, robust, world
+from sngr_utils import graph, metrics, robust
+from sngr_utils.world import dead_reckoning, scenario, simulation
 
 C = graph.PRESETS["C"]
 TRUNCATION = np.sqrt(stats.chi2.ppf(0.99, 1))
 
 
 def make(p, seed=100):
-    return world.simulate(world.Scenario(), p, rng=np.random.default_rng(seed))
+    return simulation.simulate(scenario.Scenario(), p, rng=np.random.default_rng(seed))
 
 
 def distance(first, second):
@@ -35,7 +36,7 @@ def test_estimate_is_stationary_under_its_own_loss(method):
     """The influences of a landmark's ranges and of its weak prior cancel, in NumPy."""
     drawn = make(0.3)
     poses, landmarks = robust.estimate(drawn, C, method, "grid")
-    blind = world.dead_reckoning(drawn.x0_mean, drawn.odometry)
+    blind = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
     starts = robust.start_landmarks(drawn, blind, "grid")
     offsets = landmarks[drawn.label_of] - poses[drawn.pose_of, :2]
     lengths = np.linalg.norm(offsets, axis=1)
@@ -81,7 +82,7 @@ def test_without_outliers_robust_is_close_to_least_squares(method):
 def test_marginals_are_those_of_the_weights_of_the_loss():
     """Least squares with every range weighted by psi(r) / r at the estimate, as each reports."""
     drawn = make(0.2)
-    blind = world.dead_reckoning(drawn.x0_mean, drawn.odometry)
+    blind = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
     start = (blind, robust.start_landmarks(drawn, blind, "grid"))
     for method in ("huber", "cauchy", "geman_mcclure", "gnc_tls", "gnc_gm"):
         found = robust.solve(drawn, C, method, start)
@@ -134,7 +135,7 @@ def test_starts_and_robust_estimates_know_nothing_of_the_truth():
 
 def test_first_poses_start_is_least_squares_on_three_ranges():
     drawn = make(0.0)
-    blind = world.dead_reckoning(drawn.x0_mean, drawn.odometry)
+    blind = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
     starts = robust.start_landmarks(drawn, blind, "first_poses")
     for k in range(6):
         ranges = drawn.ranges[drawn.label_of == k][:3]
@@ -143,7 +144,7 @@ def test_first_poses_start_is_least_squares_on_three_ranges():
 
 def test_best_cell_holds_the_landmark_among_many_wrong_ranges():
     """Exact ranges from a circle, four of ten replaced by another landmark's."""
-    positions, landmark = world.circle_poses(20, 5.0)[:, :2], np.array([1.0, -2.5])
+    positions, landmark = simulation.circle_poses(20, 5.0)[:, :2], np.array([1.0, -2.5])
     ranges = np.linalg.norm(positions - landmark, axis=1)
     wrong = np.arange(20) % 5 < 2
     ranges[wrong] = np.linalg.norm(positions[wrong] + [3.0, 1.0], axis=1)

@@ -4,9 +4,10 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from sngr_utils import baseline, graph, metrics, sweeps, windows, world
+from sngr_utils import baseline, graph, metrics, sweeps, windows
+from sngr_utils.world import dead_reckoning, scenario
 
-SMALL = world.Scenario(n_poses=8)
+SMALL = scenario.Scenario(n_poses=8)
 TABLES = ("runs", "detections", "scores")
 PRESETS = {name: graph.PRESETS[name] for name in ("B", "C")}
 
@@ -48,7 +49,7 @@ def test_sweep_rows_are_those_of_single_runs(serial):
         run.pose_rmse, run.landmark_rmse, run.nees
     )  # fmt: skip
     assert (row.failed, row.base_rate) == (run.failed.sum(), run.base_rate)
-    blind = world.dead_reckoning(run.world.x0_mean, run.world.odometry)
+    blind = dead_reckoning.dead_reckoning(run.world.x0_mean, run.world.odometry)
     assert row.odometry_rmse == metrics.rmse(blind[:, :2], run.world.poses[:, :2])
     assert scores.score.tolist() == run.scores.tolist()
     assert scores.failed.tolist() == run.failed.tolist()
@@ -169,13 +170,13 @@ def test_paired_difference_uses_common_seeds_and_known_values():
 
 @pytest.fixture(scope="module")
 def variants():
-    return sweeps.nees_variants(world.Scenario(), graph.PRESETS["C"], range(100, 130), 1)
+    return sweeps.nees_variants(scenario.Scenario(), graph.PRESETS["C"], range(100, 130), 1)
 
 
 def test_nees_of_a_true_mean_is_that_of_the_baseline(variants):
     for frame in ("world", "body"):
         convention = graph.conventions("C", {"nees_frame": frame})
-        run = baseline.run_baseline(world.Scenario(), convention, 0.0, 100)
+        run = baseline.run_baseline(scenario.Scenario(), convention, 0.0, 100)
         chosen = variants[(variants.x0_mean == "truth") & (variants.frame == frame)]
         assert chosen.nees.iloc[0] == run.nees
 

@@ -6,14 +6,15 @@ import pytest
 from gtsam.symbol_shorthand import S
 from scipy import optimize
 
-from sngr_utils import graph, robust, switchable, world
+from sngr_utils import graph, robust, switchable
+from sngr_utils.world import dead_reckoning, scenario, simulation
 
 C = graph.PRESETS["C"]
 
 
 def drawn(p=0.3, seed=100):
-    the_world = world.simulate(world.Scenario(), p, rng=np.random.default_rng(seed))
-    blind = world.dead_reckoning(the_world.x0_mean, the_world.odometry)
+    the_world = simulation.simulate(scenario.Scenario(), p, rng=np.random.default_rng(seed))
+    blind = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
     return the_world, (blind, robust.start_landmarks(the_world, blind, "grid"))
 
 

@@ -4,9 +4,16 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from sngr_utils import detectors, parameters, paths, report, style, triggers
-from sngr_utils import trigger_plots as plots
-from sngr_utils import trigger_tables as tables
+from sngr_utils import (
+    detectors,
+    parameters,
+    paths,
+    report,
+    style,
+    trigger_plots,
+    trigger_tables,
+    triggers,
+)
 
 
 @pytest.fixture(scope="module")
@@ -41,19 +48,22 @@ def test_tables_and_what_is_handed_on(config, study, tmp_path):
     clean, decided = triggers.levels(study, rng=rng), triggers.decisions(study, rng=rng)
     failed, wrong = (triggers.rankings(study, x, rng=rng) for x in ("failed", "contaminated"))
     cases, scenarios = 3, 8
-    assert tables.level_table(clean).shape == (scenarios, 2 + len(detectors.SCORES))
+    assert trigger_tables.level_table(clean).shape == (scenarios, 2 + len(detectors.SCORES))
     for table, column in ((failed, "auc"), (wrong, "precision"), (failed, "within")):
-        assert tables.case_table(table, column).shape == (2 + len(detectors.SCORES), 1 + cases)
-    assert len(tables.case_table(decided, "mcc")) == 1 + len(detectors.SCORES)
+        assert trigger_tables.case_table(table, column).shape == (
+            2 + len(detectors.SCORES),
+            1 + cases,
+        )
+    assert len(trigger_tables.case_table(decided, "mcc")) == 1 + len(detectors.SCORES)
     every = triggers.EVERY_P
-    whole = tables.summary_table(failed, wrong, decided, clean, every)
+    whole = trigger_tables.summary_table(failed, wrong, decided, clean, every)
     assert whole.shape == (len(detectors.SCORES), 6)
     claims = triggers.claims(study, config, rng=rng)
-    assert len(tables.claims_table(claims, config.tau)) == 4 * 2
-    assert len(tables.shifted_table(*triggers.shifted(study, rng=rng))) == scenarios - 1
-    assert len(tables.null_table(triggers.run_null(config))) == 2 * 2
+    assert len(trigger_tables.claims_table(claims, config.tau)) == 4 * 2
+    assert len(trigger_tables.shifted_table(*triggers.shifted(study, rng=rng))) == scenarios - 1
+    assert len(trigger_tables.null_table(triggers.run_null(config))) == 2 * 2
     rows = triggers.calibration_rows(study, config, rng=rng)
-    assert len(tables.calibration_table(rows)) == 5
+    assert len(trigger_tables.calibration_table(rows)) == 5
     to = report.Report("06_triggers", tmp_path)
     triggers.record(failed, wrong, decided, clean, to)
     to.save()
@@ -70,14 +80,16 @@ def test_figures_show_what_they_are_given(config, study):
     assert ((shown["wrong"] > 0) == shown["contaminated"]).all()
     fig, axes = style.panels(7, 3, 5)
     panels = {"condition": ("score", 4.0), "disagreement": ("[m]", 0.5)}
-    plots.draw_along(axes[:2], shown, panels)
+    trigger_plots.draw_along(axes[:2], shown, panels)
     assert np.array_equal(axes[1].lines[0].get_ydata(), shown["disagreement"])
-    plots.draw_states(axes[2], study.rows, (1.3, 0.5))
+    trigger_plots.draw_states(axes[2], study.rows, (1.3, 0.5))
     assert sum(len(line.get_xdata()) for line in axes[2].lines[:3]) == len(study.rows)
     laws = {"a": study.rows["naive"].to_numpy(), "b": study.rows["chi_square"].to_numpy()}
-    plots.draw_p_values(axes[3], laws)
+    trigger_plots.draw_p_values(axes[3], laws)
     found = triggers.rankings(study, "failed", rng=rng)
-    plots.draw_aucs(axes[4], tables.auc_series(found, ["condition", "disagreement"]), "x", True)
+    trigger_plots.draw_aucs(
+        axes[4], trigger_tables.auc_series(found, ["condition", "disagreement"]), "x", True
+    )
     plt.close(fig)
 
 

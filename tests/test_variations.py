@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from sngr_utils import variations, world
+from sngr_utils.world import scenario, simulation, variations
 
 
 @pytest.fixture(scope="module")
 def noisy():
-    return world.simulate(world.Scenario(), 0.3, rng=np.random.default_rng(1))
+    return simulation.simulate(scenario.Scenario(), 0.3, rng=np.random.default_rng(1))
 
 
 def test_a_drawn_prior_follows_its_sigmas_in_the_body_frame(noisy):

@@ -9,6 +9,7 @@ import pytest
 from sngr_utils import (
     claims,
     contradictions,
+    graph,
     parameters,
     paths,
     printed,
@@ -43,7 +44,7 @@ def sample(values):
 def results():
     """Made-up results for every key: log-normal worlds, so that verdicts of most kinds occur."""
     rng = np.random.default_rng(5)
-    keys = {key for preset in claims.PRESETS for key in claims.needed(preset)}
+    keys = {key for preset in graph.PRESETS for key in claims.needed(preset)}
     return {
         key: value(2.0) if key in VALUES else sample(rng.lognormal(size=N)) for key in sorted(keys)
     }
@@ -64,7 +65,7 @@ def test_entries_are_sound():
     entries = [*claims.read().numbers, *claims.read().prose]
     names = [entry.id for entry in entries]
     assert len(set(names)) == len(names)
-    relations = {clash.relation for clash in verdicts.contradictions(printed.leaves())}
+    relations = {clash.relation for clash in contradictions.contradictions(printed.leaves())}
     for entry in claims.read().prose:
         assert (entry.share is not None) == (entry.rule == "share"), entry.id
         assert entry.contradicted_by is None or entry.contradicted_by in relations, entry.id

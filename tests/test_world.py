@@ -2,15 +2,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sngr_utils import world
+from sngr_utils.world import dead_reckoning, simulation, wrong_associations
+from sngr_utils.world.scenario import Scenario
 
 
 def make(p=0.0, seed=0, **changes):
-    return world.simulate(world.Scenario(**changes), p, rng=np.random.default_rng(seed))
+    return simulation.simulate(Scenario(**changes), p, rng=np.random.default_rng(seed))
 
 
 def test_circle_is_a_circle_with_tangent_heading():
-    poses = world.circle_poses(30, 5.0)
+    poses = simulation.circle_poses(30, 5.0)
     assert np.allclose(np.hypot(*poses[:, :2].T), 5)
     heading = np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
     assert np.allclose(np.sum(heading * poses[:, :2], axis=1), 0)
@@ -21,13 +22,13 @@ def test_circle_is_a_circle_with_tangent_heading():
 
 def test_relative_motion_and_dead_reckoning_are_inverse():
     poses = make(n_poses=50).poses
-    again = world.dead_reckoning(poses[0], world.relative_motion(poses))
+    again = dead_reckoning.dead_reckoning(poses[0], dead_reckoning.relative_motion(poses))
     assert np.allclose(again, poses, atol=1e-12)
 
 
 @pytest.mark.parametrize("angle", [-np.pi, np.pi, 3 * np.pi, -0.1, 7.0])
 def test_wrap_angle(angle):
-    wrapped = world.wrap_angle(angle)
+    wrapped = dead_reckoning.wrap_angle(angle)
     assert -np.pi <= wrapped < np.pi
     assert np.isclose(np.exp(1j * wrapped), np.exp(1j * angle))
 
@@ -36,7 +37,9 @@ def test_draw_order_is_the_documented_one():
     drawn, rng = make(seed=7), np.random.default_rng(7)
     assert np.array_equal(drawn.landmarks, rng.uniform(-4, 4, (6, 2)))
     noise = rng.normal(size=(29, 3)) * [0.05, 0.05, 0.01]
-    assert np.allclose(drawn.odometry, world.relative_motion(drawn.poses) + noise, rtol=0, atol=0)
+    assert np.allclose(
+        drawn.odometry, dead_reckoning.relative_motion(drawn.poses) + noise, rtol=0, atol=0
+    )
     distance = np.linalg.norm(drawn.poses[:, None, :2] - drawn.landmarks, axis=2)
     assert np.array_equal(drawn.ranges, (distance + rng.normal(size=(30, 6)) * 0.1).ravel())
     assert np.array_equal(drawn.pose_of, np.repeat(np.arange(30), 6))
@@ -56,7 +59,7 @@ def test_p_changes_associations_and_nothing_else():
 def test_wrong_associations_follow_their_law():
     """Binomial share and uniform other label. Failure probability 2e-4 in all."""
     source = np.tile(np.arange(6), 5000)
-    labels = world.wrong_associations(source, 6, 0.3, rng=np.random.default_rng(1))
+    labels = wrong_associations.wrong_associations(source, 6, 0.3, rng=np.random.default_rng(1))
     wrong = labels != source
     assert stats.binomtest(int(wrong.sum()), len(source), 0.3).pvalue > 1e-4
     shift = (labels - source)[wrong] % 6
@@ -68,7 +71,7 @@ def test_wrong_associations_follow_their_law():
 def test_noise_has_the_stated_sigmas():
     """Chi-square on 870 odometry and 1800 range residuals. Failure probability 2e-4."""
     drawn = make(n_poses=300, seed=5)
-    residual = drawn.odometry - world.relative_motion(drawn.poses)
+    residual = drawn.odometry - dead_reckoning.relative_motion(drawn.poses)
     z = (residual / [0.05, 0.05, 0.01]).ravel()
     distance = np.linalg.norm(
         drawn.poses[drawn.pose_of, :2] - drawn.landmarks[drawn.source_of], axis=1
@@ -85,7 +88,7 @@ def test_noise_has_the_stated_sigmas():
 )  # fmt: skip
 def test_bad_scenario_names_the_parameter(name, value):
     with pytest.raises(ValueError, match=name):
-        world.Scenario(**{name: value})
+        Scenario(**{name: value})
 
 
 @pytest.mark.parametrize("p", [-0.1, 1.1, float("nan")])
@@ -95,10 +98,10 @@ def test_bad_p_is_refused(p):
 
 
 def test_pick_and_part():
-    names = {**world.Scenario(radius=2.0).model_dump(), "unrelated": 1}
-    assert world.Scenario.pick(names).radius == 2.0
+    names = {**Scenario(radius=2.0).model_dump(), "unrelated": 1}
+    assert Scenario.pick(names).radius == 2.0
     with pytest.raises(KeyError, match="n_poses"):
-        world.Scenario.pick({})
+        Scenario.pick({})
 
 
 def test_dead_reckoning_variances_against_simulation():
@@ -106,14 +109,14 @@ def test_dead_reckoning_variances_against_simulation():
 
     Failure probability 2e-6 for each of four poses.
     """
-    rng, scenario = np.random.default_rng(11), world.Scenario(odometry_sigma_theta=0.03)
+    rng, scenario = np.random.default_rng(11), Scenario(odometry_sigma_theta=0.03)
     truth = make().poses
-    motion, sigmas = world.relative_motion(truth), np.array([0.05, 0.05, 0.03])
+    motion, sigmas = dead_reckoning.relative_motion(truth), np.array([0.05, 0.05, 0.03])
     runs = np.array([
-        world.dead_reckoning(truth[0], motion + rng.normal(size=(29, 3)) * sigmas)[:, :2]
+        dead_reckoning.dead_reckoning(truth[0], motion + rng.normal(size=(29, 3)) * sigmas)[:, :2]
         for _ in range(3000)
     ])
-    told = world.dead_reckoning_variances(truth, scenario)
+    told = dead_reckoning.dead_reckoning_variances(truth, scenario)
     assert told[0] == 0
     assert told[1] == pytest.approx(0.05**2)
     for t in (1, 5, 15, 29):

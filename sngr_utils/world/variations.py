@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from sngr_utils.world import World, dead_reckoning, wrong_associations
+from sngr_utils.world.dead_reckoning import dead_reckoning
+from sngr_utils.world.simulation import World
+from sngr_utils.world.wrong_associations import wrong_associations
 
 
 def draw_x0(world: World, sigmas: list[float], *, rng: np.random.Generator) -> World:

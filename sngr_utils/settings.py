@@ -1,0 +1,30 @@
+"""Parameter sets that check themselves, and the types of their fields."""
+
+from typing import Annotated, Self
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Positive = Annotated[float, Field(gt=0)]
+Probability = Annotated[float, Field(ge=0, le=1)]
+Seed = Annotated[int, Field(ge=0)]
+
+
+class Checked(BaseModel):
+    """Base of all parameter sets: frozen, strictly typed, no unknown names, no NaN.
+
+    A value out of range raises `pydantic.ValidationError` (a ValueError) that names the
+    parameter, the value and what is allowed.
+    """
+
+    model_config = ConfigDict(
+        frozen=True, strict=True, extra="forbid", allow_inf_nan=False, validate_default=True
+    )
+
+    @classmethod
+    def pick(cls, names: dict[str, object]) -> Self:
+        """The set whose fields are looked up in `names`, e.g. a notebook's ``globals()``."""
+        return cls(**{field: names[field] for field in cls.model_fields})
+
+    def part(self, model: type["Checked"]) -> "Checked":
+        """The fields of this set that `model` declares, as a `model`."""
+        return model(**{name: getattr(self, name) for name in model.model_fields})
