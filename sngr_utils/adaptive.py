@@ -16,7 +16,7 @@ from sngr_utils.importance import DEGREES
 from sngr_utils.jit import compile_once
 from sngr_utils.landmark_target import Landmark
 from sngr_utils.many_starts import Modes, distances, inverse_factors
-from sngr_utils.metrics import effective_sample_size
+from sngr_utils.metrics.effective_sample_size import effective_sample_size
 from sngr_utils.nested import NestedRun
 from sngr_utils.window_target import LOG_TAU, Window
 

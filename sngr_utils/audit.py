@@ -13,7 +13,6 @@ from sngr_utils import (
     corrected,
     estimators,
     graph,
-    metrics,
     nested,
     refine,
     refined_sweep,
@@ -24,6 +23,7 @@ from sngr_utils import (
     windows,
 )
 from sngr_utils.baseline import run_baseline
+from sngr_utils.metrics import cluster_bootstrap, precision_recall, standard_error, summaries
 from sngr_utils.settings import Positive, Probability
 from sngr_utils.world.scenario import ManyWorlds
 
@@ -248,7 +248,7 @@ def record(
         here = f"audit.{preset}.p{p:g}.tau{tau:g}"
         for name in ("triggered", "precision", "recall", "tp", "fp", "fn"):
             to.sample(f"{here}.{name}", rows[name].astype(float))
-        to.sample(f"{here}.precision_over_base", sweeps.precision_over_base(rows, sweep.runs))
+        to.sample(f"{here}.precision_over_base", summaries.precision_over_base(rows, sweep.runs))
     medians = sweep.scores.groupby(["preset", "p", "seed"], sort=False)["score"].median()
     for (preset, p), values in medians.groupby(level=["preset", "p"], sort=False):
         to.sample(f"audit.{preset}.p{p:g}.median_score", values)
@@ -271,7 +271,7 @@ def record_findings(
 
     def sample(key, values, fmt=".2f", unit=""):
         values = np.asarray(values, dtype=float)
-        error = report.standard_error(values)
+        error = standard_error.standard_error(values)
         to.value(key, float(values.mean()), fmt, unit, error, len(values))
 
     for reading, rows in studies.widths.groupby("reading"):
@@ -310,13 +310,13 @@ def auc_rows(sweep: sweeps.Sweep, *, rng: np.random.Generator) -> pd.DataFrame:
     rows = []
     for (preset, p), found in sweep.scores.query("eligible").groupby(["preset", "p"], sort=False):
         score, failed = found["score"].to_numpy(), found["failed"].to_numpy()
-        within, (low, high), n = metrics.within_auc(
+        within, (low, high), n = cluster_bootstrap.within_auc(
             score, failed, found["seed"].to_numpy(), rng=rng
         )
         rows.append({
-            "preset": preset, "p": p, "pooled": metrics.roc_auc(score, failed), "within": within,
+            "preset": preset, "p": p, "pooled": precision_recall.roc_auc(score, failed), "within": within,
             "low": low, "high": high, "worlds": n,
-            "average_precision": metrics.average_precision(score, failed),
+            "average_precision": precision_recall.average_precision(score, failed),
             "base_rate": float(failed.mean()),
         })  # fmt: skip
     return pd.DataFrame(rows)
@@ -332,8 +332,8 @@ def curves(
         rows = eligible[eligible["p"] == p]
         score, failed = rows["score"].to_numpy(), rows["failed"].to_numpy()
         if failed.any() and not failed.all():
-            roc = metrics.roc_curve(score, failed)
+            roc = precision_recall.roc_curve(score, failed)
             found[f"p = {p:g}"] = (
-                roc, metrics.precision_recall_curve(score, failed), float(failed.mean())
+                roc, precision_recall.precision_recall_curve(score, failed), float(failed.mean())
             )  # fmt: skip
     return found

@@ -3,7 +3,8 @@
 import numpy as np
 import pandas as pd
 
-from sngr_utils import report, style, sweeps
+from sngr_utils import report, style
+from sngr_utils.metrics import standard_error, summaries
 
 t = report.text
 
@@ -26,7 +27,7 @@ def by_preset(
     frame: pd.DataFrame, value: str, fmt: str = ".2f", printed: dict | None = None
 ) -> pd.DataFrame:
     """Mean and 95 % interval of a column, p down and presets across, beside printed values."""
-    table = sweeps.summary(frame, value)
+    table = summaries.summary(frame, value)
     presets, rows = list(dict.fromkeys(table["preset"])), []
     for p, group in table.groupby("p", sort=False):
         cells = [interval(row, fmt) for _, row in group.iterrows()]
@@ -38,10 +39,10 @@ def by_preset(
 def detection_table(detections: pd.DataFrame, runs: pd.DataFrame, tau: float) -> pd.DataFrame:
     """Triggers, precision, how far it is above the base rate of the same worlds, recall, MCC."""
     at = detections[np.isclose(detections["tau"], tau)].reset_index(drop=True)
-    at = at.assign(above=sweeps.precision_over_base(at, runs))
+    at = at.assign(above=summaries.precision_over_base(at, runs))
     names = {"triggered": ".1f", "precision": ".2f", "above": ".3f", "recall": ".2f", "mcc": ".2f"}
-    columns = {name: sweeps.summary(at, name) for name in names}
-    rates = sweeps.summary(runs, "base_rate")
+    columns = {name: summaries.summary(at, name) for name in names}
+    rates = summaries.summary(runs, "base_rate")
     rows = []
     for i, row in rates.iterrows():
         cells = [interval(columns[name].loc[i], fmt) for name, fmt in names.items()]
@@ -108,7 +109,7 @@ def gains_table(refined: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for (preset, p), group in refined.groupby(["preset", "p"], sort=False):
         change = 1e3 * (group["sngr_pose_rmse"] - group["base_pose_rmse"])
-        change = sweeps.mean_and_errors(change)
+        change = summaries.mean_and_errors(change)
         share = group["accepted"].sum() / max(group["triggered"].sum(), 1)
         rows.append([
             preset, f"{p:g}", t(group["triggered"].mean(), ".1f"), t(100 * share, ".0f"),
@@ -130,8 +131,8 @@ def corrected_table(table: pd.DataFrame) -> pd.DataFrame:
         rows.append([
             f"{p:g}", preset, variant, t(100 * share, ".0f"),
             t(group["gain_median"].median(), ".3f"), t(group["gain_max"].median(), ".3f"),
-            interval(sweeps.mean_and_errors(settled), ".0f") if variant != "paper" else report.NONE,
-            interval(sweeps.mean_and_errors(refined), ".1f"), t(group["sngr_nees"].median(), ".1f"),
+            interval(summaries.mean_and_errors(settled), ".0f") if variant != "paper" else report.NONE,
+            interval(summaries.mean_and_errors(refined), ".1f"), t(group["sngr_nees"].median(), ".1f"),
         ])  # fmt: skip
     heads = ["p", "preset", "version", "accepted [%]", "median gain [nats]", "largest gain [nats]",
              "settling: RMSE change [mm]", "refining: RMSE change [mm]", "NEES"]  # fmt: skip
@@ -217,12 +218,12 @@ def evidence_table(checks: pd.DataFrame) -> pd.DataFrame:
 
 def mean_and_error(values: pd.Series, fmt: str = ".2f") -> str:
     """ "mean ± standard error" """
-    return f"{t(float(values.mean()), fmt)} ± {t(report.standard_error(values), fmt)}"
+    return f"{t(float(values.mean()), fmt)} ± {t(standard_error.standard_error(values), fmt)}"
 
 
 def nees_table(nees: pd.DataFrame) -> pd.DataFrame:
     """NEES on clean data: mean of the x0 prior, frame of P, preset."""
-    table = sweeps.summary(nees, "nees", by=["x0_mean", "frame", "preset"])
+    table = summaries.summary(nees, "nees", by=["x0_mean", "frame", "preset"])
     rows = [
         [mean, frame, *(interval(row) for _, row in group.iterrows())]
         for (mean, frame), group in table.groupby(["x0_mean", "frame"], sort=False)
@@ -235,7 +236,7 @@ def nees_table(nees: pd.DataFrame) -> pd.DataFrame:
 def robust_table(runs: pd.DataFrame) -> pd.DataFrame:
     """Mean pose RMSE with its interval, and landmark RMSE, per method and start, [m]."""
     levels = list(dict.fromkeys(runs["p"]))
-    poses = sweeps.summary(runs, "pose_rmse", by=["start", "method", "p"])
+    poses = summaries.summary(runs, "pose_rmse", by=["start", "method", "p"])
     last = runs[runs["p"] == levels[-1]].groupby(["start", "method"])["landmark_rmse"].mean()
     rows = []
     for (start, method), group in poses.groupby(["start", "method"], sort=False):
@@ -258,7 +259,7 @@ def readings_table(readings: pd.DataFrame) -> pd.DataFrame:
     rows = [
         [
             name,
-            f"{t(x.mean(), '.4g')} ± {t(report.standard_error(x), '.2g')}",
+            f"{t(x.mean(), '.4g')} ± {t(standard_error.standard_error(x), '.2g')}",
             f"{t(x.min(), '.4g')} to {t(x.max(), '.4g')}",
         ]
         for name, x in ((name, readings[name]) for name in columns)
@@ -268,7 +269,7 @@ def readings_table(readings: pd.DataFrame) -> pd.DataFrame:
 
 def curve_series(frame: pd.DataFrame, value: str) -> dict[str, tuple[np.ndarray, ...]]:
     """preset -> p, mean, low, high for `plots.draw_intervals`."""
-    table = sweeps.summary(frame, value)
+    table = summaries.summary(frame, value)
     return {
         preset: tuple(group[name].to_numpy() for name in ("p", "mean", "low", "high"))
         for preset, group in table.groupby("preset", sort=False)

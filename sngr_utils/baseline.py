@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sngr_utils import graph, metrics, windows
+from sngr_utils import graph, windows
+from sngr_utils.metrics import precision_recall, rmse_and_nees
 from sngr_utils.world import simulation
 from sngr_utils.world.scenario import Scenario
 
@@ -50,9 +51,9 @@ class Baseline:
         eligible = self.failed[windows.FIRST_ELIGIBLE :]
         return float(eligible.mean()) if len(eligible) else float("nan")
 
-    def detection(self, tau: float) -> metrics.Detection:
+    def detection(self, tau: float) -> precision_recall.Detection:
         """The trigger at `tau` against failure, over all N windows."""
-        return metrics.detection(self.fired(tau), self.failed)
+        return precision_recall.detection(self.fired(tau), self.failed)
 
 
 def run_baseline(
@@ -74,7 +75,7 @@ def run_baseline(
         covariances=covariances,
         scores=np.array([windows.score(covariance) for covariance in covariances]),
         failed=windows.failures(distances),
-        pose_rmse=metrics.rmse(solution.poses[:, :2], the_world.poses[:, :2]),
-        landmark_rmse=metrics.rmse(solution.landmarks, the_world.landmarks),
-        nees=metrics.nees(errors, graph.position_covariances(solution, frame)),
+        pose_rmse=rmse_and_nees.rmse(solution.poses[:, :2], the_world.poses[:, :2]),
+        landmark_rmse=rmse_and_nees.rmse(solution.landmarks, the_world.landmarks),
+        nees=rmse_and_nees.nees(errors, graph.position_covariances(solution, frame)),
     )

@@ -14,6 +14,7 @@ from pydantic import Field
 from sngr_utils import chain, compiled, engines, importance, nested, refine, report, robust, windows
 from sngr_utils.baseline import Baseline
 from sngr_utils.graph import Conventions, Solution, joint_covariance, marginals, run_isam2
+from sngr_utils.metrics import standard_error
 from sngr_utils.settings import Checked, Probability
 from sngr_utils.world.scenario import Scenario
 from sngr_utils.world.simulation import World, simulate
@@ -312,7 +313,7 @@ def accuracy_table(performances: dict[str, Performance]) -> pd.DataFrame:
     """What each engine gets wrong: bias of log Z, spread, mean, variances."""
     rows = []
     for name, p in performances.items():
-        error = report.standard_error(p.errors)
+        error = standard_error.standard_error(p.errors)
         rows.append([
             name,
             str(len(p.errors)),

@@ -11,7 +11,8 @@ from dynesty.utils import resample_run
 from gtsam.symbol_shorthand import A, L
 from pydantic import Field, model_validator
 
-from sngr_utils import metrics, nested, report
+from sngr_utils import nested, report
+from sngr_utils.metrics import bimodality, standard_error
 from sngr_utils.settings import Positive, Seed
 
 ANCHOR_SIGMA = 1e-6  # m: the anchors are known
@@ -160,7 +161,7 @@ class Result:
     @property
     def upper_mass_error(self) -> float:
         """Standard error of the mass of one run: the spread of the repeated runs."""
-        return report.standard_deviation(self.upper_masses)
+        return standard_error.standard_deviation(self.upper_masses)
 
     @property
     def delta_logp(self) -> float:
@@ -173,7 +174,7 @@ class Result:
 
     @property
     def bimodality(self) -> float:
-        return metrics.bimodality_coefficient(self.samples[:, 1], self.weights)
+        return bimodality.bimodality_coefficient(self.samples[:, 1], self.weights)
 
     def mode_distance(self, point: np.ndarray) -> float:
         """Distance to the nearer mode, [m]"""
@@ -278,7 +279,7 @@ def comparison_table(result: Result) -> pd.DataFrame:
             ["mass of the upper mode", report.NONE,
              f"{t(result.upper_mass)} ± {t(result.upper_mass_error)}"],
             [f"same, mean of {len(result.upper_masses)} runs", report.NONE,
-             f"{t(result.upper_masses.mean())} ± {t(report.standard_error(result.upper_masses))}"],
+             f"{t(result.upper_masses.mean())} ± {t(standard_error.standard_error(result.upper_masses))}"],
         ],
         columns=["quantity", "printed", "ours"],
     )  # fmt: skip
@@ -297,7 +298,7 @@ def repeated(result: Result) -> dict[str, tuple[list[float], str]]:
         "gains": ([value - result.loglik_map for value in loglik], "nats"),
         "sigmas_y": ([float(np.sqrt(run.covariance[1, 1])) for run in result.runs], "m"),
         "bimodalities": (
-            [metrics.bimodality_coefficient(y, run.weights)
+            [bimodality.bimodality_coefficient(y, run.weights)
              for y, run in zip(heights, result.runs, strict=True)], "",
         ),
         "upper_masses": (list(map(float, result.upper_masses)), ""),
@@ -315,7 +316,7 @@ def record(result: Result, to: report.Report) -> None:
     to.value("bimodal.upper_mass", result.upper_mass, error=result.upper_mass_error)
     to.value("bimodal.resampled_error", result.resampled_error)
     to.value("bimodal.mass_spread", result.upper_mass_error, n=len(masses))
-    mean_error = report.standard_error(masses)
+    mean_error = standard_error.standard_error(masses)
     to.value("bimodal.mean_mass", masses.mean(), error=mean_error, n=len(masses))
     to.value("bimodal.bimodality", result.bimodality, n=len(result.samples))
     printed_best = np.array(report.printed_values()["bimodal"]["ns_best"])

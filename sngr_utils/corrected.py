@@ -21,7 +21,6 @@ from sngr_utils import (
     graph,
     importance,
     laplace,
-    metrics,
     nested,
     posterior,
     refine,
@@ -29,6 +28,7 @@ from sngr_utils import (
 )
 from sngr_utils.baseline import Baseline
 from sngr_utils.graph import Solution
+from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.settings import Checked, Positive
 
 LONG_WALKS = 400  # steps at which the evidence has no bias that we can measure in 27 dimensions
@@ -243,9 +243,9 @@ def run(
     return CorrectedRun(
         solution,
         refined,
-        base_rmse=metrics.rmse(before, truth),
-        pose_rmse=metrics.rmse(after, truth),
-        base_nees=metrics.nees(before - truth, covariances),
-        nees=metrics.nees(after - truth, covariances),
-        landmark_rmse=metrics.rmse(solution.landmarks, base.world.landmarks),
+        base_rmse=rmse_and_nees.rmse(before, truth),
+        pose_rmse=rmse_and_nees.rmse(after, truth),
+        base_nees=rmse_and_nees.nees(before - truth, covariances),
+        nees=rmse_and_nees.nees(after - truth, covariances),
+        landmark_rmse=rmse_and_nees.rmse(solution.landmarks, base.world.landmarks),
     )

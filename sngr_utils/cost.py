@@ -20,6 +20,7 @@ from sngr_utils import (
     windows,
 )
 from sngr_utils.baseline import Baseline, run_baseline
+from sngr_utils.metrics import standard_error
 from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.world.scenario import Scenario
 
@@ -354,7 +355,7 @@ def record_engines(
     for name, key in keys.items():
         p, faster = performances[name], bench.ratio(performances, name)
         to.value(f"engine.{key}.ratio", faster, ".1f" if faster < 10 else ".0f", timing=True)
-        error = report.standard_error(p.errors)
+        error = standard_error.standard_error(p.errors)
         to.value(f"engine.{key}.bias", p.errors.mean(), ".3f", "nats", error, len(p.errors))
     rms = float(np.sqrt(np.mean(performances["fast path"].errors ** 2)))
     to.value("engine.fast.rms", rms, ".3f", "nats", n=len(performances["fast path"].errors),

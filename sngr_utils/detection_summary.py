@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from sngr_utils import clustered, metrics
+from sngr_utils.metrics import cluster_bootstrap
 
 GROUPS = ["scenario", "case"]
 
@@ -35,12 +35,12 @@ def ranking(
         true, worlds = group[truth].to_numpy(), group["seed"].to_numpy()
         for name in names:
             score = group[name].to_numpy()
-            within, (low, high), _ = metrics.within_auc(score, true, worlds, rng=rng)
+            within, (low, high), _ = cluster_bootstrap.within_auc(score, true, worlds, rng=rng)
             found.append({
                 **dict(zip(GROUPS, keys, strict=True)), "detector": name, "truth": truth,
-                **_columns("auc", clustered.roc_auc(score, true, worlds, rng=rng)),
-                **_columns("precision", clustered.average_precision(score, true, worlds, rng=rng)),
-                **_columns("within", clustered.Interval(within, low, high)),
+                **_columns("auc", cluster_bootstrap.roc_auc(score, true, worlds, rng=rng)),
+                **_columns("precision", cluster_bootstrap.average_precision(score, true, worlds, rng=rng)),
+                **_columns("within", cluster_bootstrap.Interval(within, low, high)),
                 "base_rate": true.mean(), "worlds": len(np.unique(worlds)),
             })  # fmt: skip
     return pd.DataFrame(found)
@@ -74,8 +74,8 @@ def decisions(
             }  # fmt: skip
             row = {**dict(zip(GROUPS, keys, strict=True)), "detector": name, "truth": truth}
             for column, (marked, among) in shares.items():
-                row |= _columns(column, clustered.share(marked, among, worlds, rng=rng))
-            row |= _columns("mcc", clustered.matthews(fired, true, worlds, rng=rng))
+                row |= _columns(column, cluster_bootstrap.share(marked, among, worlds, rng=rng))
+            row |= _columns("mcc", cluster_bootstrap.matthews(fired, true, worlds, rng=rng))
             silent = ~group.assign(fired=fired).groupby("seed")["fired"].any()
             row |= {
                 "base_rate": true.mean(), "worlds": len(silent), "silent": silent.mean()
@@ -84,5 +84,5 @@ def decisions(
     return pd.DataFrame(found)
 
 
-def _columns(name: str, interval: clustered.Interval) -> dict[str, float]:
+def _columns(name: str, interval: cluster_bootstrap.Interval) -> dict[str, float]:
     return {name: interval.value, f"{name}_low": interval.low, f"{name}_high": interval.high}

@@ -18,15 +18,14 @@ from sngr_utils import (
     engines,
     fastslam,
     graph,
-    metrics,
     mixtures,
     nested,
     refine,
     robust,
-    sweeps,
     switchable,
     windows,
 )
+from sngr_utils.metrics import rmse_and_nees, summaries
 from sngr_utils.world import dead_reckoning, simulation
 from sngr_utils.world.scenario import Scenario
 
@@ -179,7 +178,7 @@ def expected_nees(
     errors = poses[:, :2] - the_world.poses[:, :2]
     moved = dead_reckoning.rigid_covariances(poses, conventions.x0_sigmas)
     traces = np.trace(np.linalg.solve(covariances, moved), axis1=1, axis2=2)
-    return metrics.nees(errors, covariances) + float(traces.mean())
+    return rmse_and_nees.nees(errors, covariances) + float(traces.mean())
 
 
 def compare(
@@ -230,8 +229,8 @@ def _compare_one(
         before = time.thread_time()
         found = _from(given, conventions, method, begin, particles, rng)
         seconds = time.thread_time() - before
-        pose_rmse = metrics.rmse(found.poses[:, :2], the_world.poses[:, :2])
-        landmark_rmse = metrics.rmse(found.landmarks, the_world.landmarks)
+        pose_rmse = rmse_and_nees.rmse(found.poses[:, :2], the_world.poses[:, :2])
+        landmark_rmse = rmse_and_nees.rmse(found.landmarks, the_world.landmarks)
         nees = expected_nees(the_world, conventions, found.poses, found.position_covariances)
         rows.append((method, start, p, seed, pose_rmse, landmark_rmse, nees, seconds))
     return rows
@@ -274,7 +273,9 @@ def relative_to_oracle(runs: pd.DataFrame) -> pd.DataFrame:
 def paired(runs: pd.DataFrame, a: str, b: str, start: str = REFERENCE_START) -> pd.DataFrame:
     """Pose RMSE of method `a` less that of `b` on the same worlds, per p: mean, interval, test.
 
-    See `sweeps.paired_difference`.
+    See `summaries.paired_difference`.
     """
     chosen = runs[runs["start"].isin([start, "none"])]
-    return sweeps.paired_difference(chosen.rename(columns={"method": "preset"}), "pose_rmse", a, b)
+    return summaries.paired_difference(
+        chosen.rename(columns={"method": "preset"}), "pose_rmse", a, b
+    )

@@ -8,8 +8,9 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import engines, graph, metrics, nested, refine, report, windows
+from sngr_utils import engines, graph, nested, refine, report, windows
 from sngr_utils.baseline import Baseline, run_baseline
+from sngr_utils.metrics import rmse_and_nees, standard_error
 from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.world import dead_reckoning
 from sngr_utils.world.scenario import Scenario
@@ -113,9 +114,9 @@ def run_level(config: Config, p: float) -> Refinement:
         baseline=base,
         windows=refined,
         poses=poses,
-        pose_rmse=metrics.rmse(poses[:, :2], true[:, :2]),
-        nees=metrics.nees(poses[:, :2] - true[:, :2], covariances),
-        odometry_rmse=metrics.rmse(dead[:, :2], true[:, :2]),
+        pose_rmse=rmse_and_nees.rmse(poses[:, :2], true[:, :2]),
+        nees=rmse_and_nees.nees(poses[:, :2] - true[:, :2], covariances),
+        odometry_rmse=rmse_and_nees.rmse(dead[:, :2], true[:, :2]),
     )
 
 
@@ -333,5 +334,5 @@ def record(
     to.value("sngr.ess_median", np.median(ess) if len(ess) else np.nan, n=len(ess))
     weights = noop_mean_log_weights(config, levels[config.p_noop])
     mean = weights.mean() if len(weights) else np.nan
-    error = report.standard_error(weights) if len(weights) > 1 else None
+    error = standard_error.standard_error(weights) if len(weights) > 1 else None
     to.value("noop.mean_log_weight", mean, ".0f", "nats", error, n=len(weights))

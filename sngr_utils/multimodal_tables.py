@@ -3,7 +3,8 @@
 import numpy as np
 import pandas as pd
 
-from sngr_utils import contest, metrics, multimodal, report
+from sngr_utils import contest, multimodal, report
+from sngr_utils.metrics import cluster_bootstrap, precision_recall, standard_error
 
 t = report.text
 FEW = 3  # poses after which a landmark usually still has two places
@@ -115,18 +116,20 @@ def detection_rows(
     ):
         wrong = (frame["kl"] > config.kl_limit).to_numpy()
         for name, (score, fires) in triggers.items():
-            counts, known = metrics.detection(fires, wrong), ~np.isnan(score)
+            counts, known = precision_recall.detection(fires, wrong), ~np.isnan(score)
             scored = np.clip(score[known], -1e9, 1e9), wrong[known]
             false_rate, true_rate = (
-                metrics.roc_curve(*scored) if len(set(scored[1])) == 2 else (np.zeros(1),) * 2
+                precision_recall.roc_curve(*scored)
+                if len(set(scored[1])) == 2
+                else (np.zeros(1),) * 2
             )
-            within, _, _ = metrics.within_auc(
+            within, _, _ = cluster_bootstrap.within_auc(
                 *scored, frame[size].to_numpy()[known], rng=np.random.default_rng(0)
             )
             rows.append({
                 "case": case, "trigger": name, "found": counts.true_positives,
                 "missed": counts.false_negatives, "false": counts.false_positives,
-                "silent": counts.true_negatives, "auc": metrics.roc_auc(*scored),
+                "silent": counts.true_negatives, "auc": precision_recall.roc_auc(*scored),
                 "auc_within": within, "youden": float((true_rate - false_rate).max()),
             })  # fmt: skip
     return pd.DataFrame(rows)
@@ -166,7 +169,7 @@ def record(
     for (case, method), rows in runs.groupby(["case", "method"], sort=False):
         here = f"multimodal.{case.replace(', from the ', '_').replace(' ', '_')}.{names[method]}"
         errors = rows["mass_error"]
-        to.value(f"{here}.mass_error", errors.mean(), ".3f", error=report.standard_error(errors),
+        to.value(f"{here}.mass_error", errors.mean(), ".3f", error=standard_error.standard_error(errors),
                  n=len(rows))  # fmt: skip
         to.value(f"{here}.worst", errors.max(), ".2f", n=len(rows), within=0.1)
         to.value(

@@ -17,7 +17,7 @@ from dynesty.results import Results
 from pydantic import Field
 from scipy.special import ndtri
 
-from sngr_utils.metrics import effective_sample_size
+from sngr_utils.metrics.effective_sample_size import effective_sample_size
 from sngr_utils.settings import Checked, Positive
 
 

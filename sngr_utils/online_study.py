@@ -8,9 +8,10 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from sngr_utils import estimators, graph, landmark_start, metrics, online, place
+from sngr_utils import estimators, graph, landmark_start, online, place
 from sngr_utils.belief import Belief
 from sngr_utils.crediting import DROPPED
+from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.online import Settings
 from sngr_utils.world import simulation, variations
 from sngr_utils.world.scenario import Scenario
@@ -84,14 +85,14 @@ def _judged(
     truth = the_world.poses[:, :2]
     wrong = (found.used != DROPPED) & (found.used != the_world.source_of)
     return {
-        "pose_rmse": metrics.rmse(found.poses[:, :2], truth),
-        "landmark_rmse": metrics.rmse(found.landmarks, the_world.landmarks),
+        "pose_rmse": rmse_and_nees.rmse(found.poses[:, :2], truth),
+        "landmark_rmse": rmse_and_nees.rmse(found.landmarks, the_world.landmarks),
         "nees": estimators.expected_nees(
             the_world, conventions, found.poses, found.position_covariances
         ),
         "seconds": seconds,
-        "graph_rmse": metrics.rmse(found.graph_poses[:, :2], truth),
-        "filtered_rmse": metrics.rmse(found.filtered[:, :2], truth),
+        "graph_rmse": rmse_and_nees.rmse(found.graph_poses[:, :2], truth),
+        "filtered_rmse": rmse_and_nees.rmse(found.filtered[:, :2], truth),
         "p_found": found.p,
         "miscredited": int(wrong.sum()),
         **{name: found.counts[name] for name in COUNTS},
@@ -137,7 +138,7 @@ def _slipped(scenario, conventions, p, steps, sigma, seed) -> list[dict]:
     start = estimators.REFERENCE_START
     for method in ("cauchy", "em_exclusive", "oracle"):
         found = estimators.estimate(the_world, conventions, method, start, rng=rng)
-        rmse = metrics.rmse(found.poses[:, :2], the_world.poses[:, :2])
+        rmse = rmse_and_nees.rmse(found.poses[:, :2], the_world.poses[:, :2])
         rows.append({"method": method, **key, "start": start, "pose_rmse": rmse})
     return rows
 

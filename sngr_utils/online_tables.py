@@ -4,7 +4,8 @@ import numpy as np
 import pandas as pd
 from scipy.stats import false_discovery_control
 
-from sngr_utils import estimators, online_study, report, style, sweeps
+from sngr_utils import estimators, online_study, report, style
+from sngr_utils.metrics import summaries
 
 BATCH = "em_exclusive"  # the same posterior over associations, not online
 LOST = 1.5  # times the oracle's RMSE, above which a run counts as lost
@@ -20,7 +21,7 @@ def summary_series(
     ----------
     names : what to call some of the methods
     """
-    table = sweeps.summary(runs[runs["method"] != "oracle"], "ratio", by=["method", "p"])
+    table = summaries.summary(runs[runs["method"] != "oracle"], "ratio", by=["method", "p"])
     return {
         names.get(method, style.method_name(method)): (
             group["p"].to_numpy(), group[["mean", "low", "high"]].to_numpy()

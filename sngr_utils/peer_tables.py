@@ -3,8 +3,9 @@
 import numpy as np
 import pandas as pd
 
-from sngr_utils import estimators, report, style, sweeps
+from sngr_utils import estimators, report, style
 from sngr_utils.audit_tables import interval
+from sngr_utils.metrics import summaries
 
 LOST = 1.5  # times the oracle's RMSE, above which a run counts as lost
 t = report.text
@@ -17,7 +18,7 @@ def from_grid(runs: pd.DataFrame) -> pd.DataFrame:
 
 def by_method(runs: pd.DataFrame, value: str, fmt: str = ".2f") -> pd.DataFrame:
     """Mean and 95 % interval of a column from the grid, methods down and p across."""
-    table = sweeps.summary(from_grid(runs), value, by=["method", "p"])
+    table = summaries.summary(from_grid(runs), value, by=["method", "p"])
     rows = [
         [style.method_name(method), *(interval(row, fmt) for _, row in group.iterrows())]
         for method, group in table.groupby("method", sort=False)
@@ -78,7 +79,7 @@ def time_table(runs: pd.DataFrame) -> pd.DataFrame:
 
 def ratio_series(runs: pd.DataFrame) -> dict[float, tuple[list[str], np.ndarray]]:
     """p -> names and (M, 3) mean, low, high of the ratio to the oracle, from the grid."""
-    table = sweeps.summary(from_grid(runs), "ratio", by=["p", "method"])
+    table = summaries.summary(from_grid(runs), "ratio", by=["p", "method"])
     return {
         p: (
             [style.method_name(m) for m in group["method"]],

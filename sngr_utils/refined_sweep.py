@@ -6,8 +6,9 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from sngr_utils import corrected, engines, graph, metrics, nested, refine
+from sngr_utils import corrected, engines, graph, nested, refine
 from sngr_utils.baseline import Baseline, run_baseline
+from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.world.scenario import Scenario
 
 VARIANTS = ("paper", "conditional", "marginal")
@@ -100,11 +101,11 @@ def _paper(
         **_window_row(base, refined),
         "isam2_pose_rmse": base.pose_rmse,
         "base_pose_rmse": base.pose_rmse,
-        "sngr_pose_rmse": metrics.rmse(positions, truth),
+        "sngr_pose_rmse": rmse_and_nees.rmse(positions, truth),
         "sngr_landmark_rmse": base.landmark_rmse,
         "isam2_nees": base.nees,
         "base_nees": base.nees,
-        "sngr_nees": metrics.nees(positions - truth, covariances),
+        "sngr_nees": rmse_and_nees.nees(positions - truth, covariances),
         "noop": float(np.mean(weights)) if weights else np.nan,
     }
 

@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 from ruamel.yaml import YAML
 
 from sngr_utils import paths
+from sngr_utils.metrics.standard_error import standard_deviation, standard_error
 
 TIMING = "_timing"  # end of the name of a figure that shows wall clocks
 NONE = "–"  # what a table shows where there is nothing to show
@@ -60,16 +61,6 @@ def text(value: float | None, fmt: str = ".2f") -> str:
 def mean_std(values: Sequence[float], fmt: str = ".2f") -> str:
     """ "mean ± std" of at least two numbers (sample standard deviation)."""
     return f"{text(float(np.mean(values)), fmt)} ± {text(standard_deviation(values), fmt)}"
-
-
-def standard_deviation(values: Sequence[float]) -> float:
-    """Sample standard deviation; NaN for a single value."""
-    return float(np.std(values, ddof=1)) if len(values) > 1 else float("nan")
-
-
-def standard_error(values: Sequence[float]) -> float:
-    """Standard error of the mean; NaN for a single value."""
-    return standard_deviation(values) / math.sqrt(len(values))
 
 
 def show(frame: pd.DataFrame) -> HTML:

@@ -6,19 +6,10 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from sngr_utils import (
-    compiled,
-    corrected,
-    engines,
-    laplace,
-    metrics,
-    nested,
-    posterior,
-    refine,
-    windows,
-)
+from sngr_utils import compiled, corrected, engines, laplace, nested, posterior, refine, windows
 from sngr_utils.baseline import Baseline
 from sngr_utils.graph import Solution
+from sngr_utils.metrics import bimodality, effective_sample_size
 from sngr_utils.window_audit import window_factors
 
 
@@ -175,18 +166,18 @@ def bimodality_readings(y: np.ndarray, weights: np.ndarray) -> dict[str, float]:
     weights : (N,) posterior weights
     """
     equal, n = np.ones(len(y)), len(y)
-    effective = metrics.effective_sample_size(weights)
+    effective = effective_sample_size.effective_sample_size(weights)
     skewness, kurtosis = stats.skew(y, bias=False), stats.kurtosis(y, bias=False)
     small = 3 * (n - 1) ** 2 / ((n - 2) * (n - 3))
     heavy = weights > 1e-3 * weights.max()
-    plain = metrics.bimodality_coefficient(y, weights)
+    plain = bimodality.bimodality_coefficient(y, weights)
     m = effective
     return {
         "weighted": plain,
-        "unweighted": metrics.bimodality_coefficient(y, equal),
+        "unweighted": bimodality.bimodality_coefficient(y, equal),
         "unweighted, SAS small-sample": float((skewness**2 + 1) / (kurtosis + small)),
         "weighted, small-sample with the effective n": _small_sample(y, weights, m),
-        "unweighted, weights above a thousandth": metrics.bimodality_coefficient(
+        "unweighted, weights above a thousandth": bimodality.bimodality_coefficient(
             y[heavy], equal[heavy]
         ),
         "unweighted, excess kurtosis not put back": _excess(y, equal),

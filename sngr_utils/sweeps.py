@@ -10,14 +10,12 @@ from dataclasses import dataclass
 import joblib
 import numpy as np
 import pandas as pd
-from scipy import stats
 
-from sngr_utils import graph, metrics, windows
+from sngr_utils import graph, windows
 from sngr_utils.baseline import Baseline, run_baseline
+from sngr_utils.metrics import precision_recall, rmse_and_nees
 from sngr_utils.world import dead_reckoning, simulation, variations
 from sngr_utils.world.scenario import Scenario
-
-LEVEL = 0.95  # of all confidence intervals
 
 
 @dataclass(frozen=True)
@@ -106,7 +104,7 @@ def _run_row(run: Baseline) -> dict[str, float]:
         "pose_rmse": run.pose_rmse,
         "landmark_rmse": run.landmark_rmse,
         "nees": run.nees,
-        "odometry_rmse": metrics.rmse(blind[:, :2], run.world.poses[:, :2]),
+        "odometry_rmse": rmse_and_nees.rmse(blind[:, :2], run.world.poses[:, :2]),
         "failed": int(run.failed.sum()),
         "base_rate": run.base_rate,
     }
@@ -119,7 +117,7 @@ def _detection_row(run: Baseline, tau: float) -> dict[str, float]:
         "fn": found.false_negatives, "tn": found.true_negatives,
     }  # fmt: skip
     eligible = slice(windows.FIRST_ELIGIBLE, None)
-    may_fire = metrics.detection(run.fired(tau)[eligible], run.failed[eligible])
+    may_fire = precision_recall.detection(run.fired(tau)[eligible], run.failed[eligible])
     rates = {"precision": found.precision, "recall": found.recall, "mcc": may_fire.matthews}
     return {"tau": tau, "triggered": found.triggered, **counts, **rates}
 
@@ -137,89 +135,6 @@ def _window_rows(run: Baseline) -> pd.DataFrame:
         "failed": run.failed,
         "eligible": place >= windows.FIRST_ELIGIBLE,
     })
-
-
-def summary(frame: pd.DataFrame, value: str, by: Sequence[str] = ("preset", "p")) -> pd.DataFrame:
-    """Mean, standard error, n and 95 % confidence interval of a column, group by group.
-
-    The interval is Student's t. It needs no random numbers, and on the skewed laws met here it
-    covers no worse than the BCa bootstrap: for 30 log-normal values with a coefficient of
-    variation of 0.87 both cover near 90 %, for five of them t 86 % and BCa 74 %. So read the
-    ends as those of a 90 % interval where the values are that skewed. The interval of a share
-    may leave [0, 1].
-
-    Returns
-    -------
-    one row per group with the columns of `by`, then mean, se, n (values used), missing (NaN
-    values left out: precision where nothing fired, landmarks never started), low, high. se,
-    low and high are NaN for a single value, mean too for none.
-    """
-    groups = frame.groupby(list(by), sort=False)[value]
-    return groups.apply(mean_and_errors).unstack().reset_index().astype({"n": int, "missing": int})
-
-
-def mean_and_errors(values: pd.Series) -> pd.Series:
-    """The row of `summary` for one group of values."""
-    used = values.dropna().to_numpy(dtype=float)
-    n = len(used)
-    mean = used.mean() if n else np.nan
-    se = used.std(ddof=1) / np.sqrt(n) if n > 1 else np.nan
-    reach = stats.t.ppf((1 + LEVEL) / 2, n - 1) * se if n > 1 else np.nan
-    return pd.Series({
-        "mean": mean,
-        "se": se,
-        "n": n,
-        "missing": len(values) - n,
-        "low": mean - reach,
-        "high": mean + reach,
-    })
-
-
-def precision_over_base(detections: pd.DataFrame, runs: pd.DataFrame) -> pd.Series:
-    """Precision less the base rate of the same world; NaN where nothing fired or all are alike.
-
-    Where all windows that may fire failed, or none did, no trigger can do better than chance.
-    """
-    keys = ["preset", "p", "seed"]
-    base = detections[keys].merge(runs[[*keys, "base_rate"]], on=keys)["base_rate"].to_numpy()
-    open_question = (base > 0) & (base < 1)
-    return pd.Series(np.where(open_question, detections["precision"].to_numpy() - base, np.nan))
-
-
-def paired_difference(runs: pd.DataFrame, value: str, a: str, b: str) -> pd.DataFrame:
-    """Preset `a` minus preset `b` on the seeds that both have, at each p.
-
-    Both presets see the same worlds, so the differences have less spread than the values.
-
-    Returns
-    -------
-    one row per p: p and the columns of `summary` for the differences, then p_value: the
-    two-sided Wilcoxon signed-rank test, which a few runs with large errors do not rule; the t
-    test is in the interval. NaN where fewer than two differences are left, 1 where all are 0.
-
-    Raises
-    ------
-    ValueError : `a` or `b` is not among the presets, or they share no run
-    """
-    for preset in (a, b):
-        if preset not in set(runs["preset"]):
-            raise ValueError(f"preset is {preset!r}: runs has {sorted(set(runs['preset']))}")
-    sides = [runs[runs["preset"] == preset][["p", "seed", value]] for preset in (a, b)]
-    both = sides[0].merge(sides[1], on=["p", "seed"], suffixes=("_a", "_b"))
-    if both.empty:
-        raise ValueError(f"presets {a!r} and {b!r} have no p and seed in common")
-    both["difference"] = both[f"{value}_a"] - both[f"{value}_b"]
-    table = summary(both, "difference", by=["p"])
-    table["p_value"] = [
-        _signed_rank(both.loc[both["p"] == p, "difference"].dropna().to_numpy()) for p in table["p"]
-    ]
-    return table
-
-
-def _signed_rank(differences: np.ndarray) -> float:
-    if len(differences) < 2:
-        return float("nan")
-    return float(stats.wilcoxon(differences).pvalue) if differences.any() else 1.0
 
 
 def nees_variants(
@@ -257,5 +172,5 @@ def _nees_rows(
         errors = solution.poses[:, :2] - the_world.poses[:, :2]
         for frame in ("world", "body"):
             covariances = graph.position_covariances(solution, frame)
-            rows.append((name, frame, seed, metrics.nees(errors, covariances)))
+            rows.append((name, frame, seed, rmse_and_nees.nees(errors, covariances)))
     return rows

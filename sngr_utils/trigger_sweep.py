@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from sngr_utils import graph, report, windows
 from sngr_utils.baseline import Baseline, run_baseline
+from sngr_utils.metrics import standard_error
 from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.world.scenario import Scenario
 
@@ -204,7 +205,7 @@ def record(sweep: Sweep, to: report.Report) -> None:
     for role, p in roles(config).items():
         to.value(f"sweep.p_{role}", p, "g")
         rmses = [run.pose_rmse for run in sweep.level(p)]
-        error = report.standard_error(rmses)
+        error = standard_error.standard_error(rmses)
         to.value(f"sweep.rmse.{role}", np.mean(rmses), unit="m", error=error, n=len(rmses))
         single = sweep.single(p)
         found = single.detection(config.tau)

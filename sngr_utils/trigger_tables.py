@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from sngr_utils import detectors, report
+from sngr_utils.metrics import standard_error
 
 t = report.text
 
@@ -57,7 +58,7 @@ def null_table(null: pd.DataFrame) -> pd.DataFrame:
     for (scenario, preset), group in null.groupby(["scenario", "preset"], sort=False):
         by_estimate = group.groupby("estimate", sort=False)["fired"]
         cells = [
-            f"{t(100 * x.mean(), '.1f')} ± {t(100 * report.standard_error(x), '.1f')}"
+            f"{t(100 * x.mean(), '.1f')} ± {t(100 * standard_error.standard_error(x), '.1f')}"
             for _, x in by_estimate
         ]
         rows.append([scenario, preset, *cells])

@@ -10,7 +10,6 @@ from pydantic import Field, model_validator
 
 from sngr_utils import (
     calibration,
-    clustered,
     detection_study,
     detection_summary,
     detectors,
@@ -19,6 +18,7 @@ from sngr_utils import (
     windows,
 )
 from sngr_utils.detection_study import Case
+from sngr_utils.metrics import cluster_bootstrap
 from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.world.scenario import ManyWorlds
 
@@ -146,7 +146,7 @@ def calibration_rows(study: Study, config: Config, *, rng: np.random.Generator) 
     clean, rows = study.calibration, []
     for name in detection_study.CALIBRATED:
         low, high = calibration.quantile_interval(clean[name], config.nominal)
-        drawn = clustered.quantile(
+        drawn = cluster_bootstrap.quantile(
             clean[name].to_numpy(), 1 - config.nominal, clean["seed"].to_numpy(), rng=rng
         )
         rows.append({

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from helpers import anchors, window
 
-from sngr_utils import adaptive, brute_force, contest, many_starts, metrics
+from sngr_utils import adaptive, brute_force, contest, many_starts
+from sngr_utils.metrics import effective_sample_size
 
 
 def a_mixture():
@@ -68,7 +69,7 @@ def test_bent_modes_of_a_window(n_ranges):
     reference, modes = contest.window_truth(target, 6000, rng=rng)
     own = many_starts.find_modes(target, rng.standard_normal((100, 9)))
     run = adaptive.draws(target, own, 10_000, rng=rng)
-    assert metrics.effective_sample_size(run.weights) > 0.7 * adaptive.ENOUGH
+    assert effective_sample_size.effective_sample_size(run.weights) > 0.7 * adaptive.ENOUGH
     assert run.weights.sum() == pytest.approx(1)
     exact = reference.masses(modes.label(reference.points), len(modes.places))
     found = np.bincount(modes.label(run.samples), run.weights, minlength=len(exact))

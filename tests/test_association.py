@@ -9,7 +9,8 @@ import pytest
 from gtsam.symbol_shorthand import X
 from scipy import linalg, special, stats
 
-from sngr_utils import association, graph, metrics, robust
+from sngr_utils import association, graph, robust
+from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.world import scenario, simulation
 
 C = graph.PRESETS["C"]
@@ -168,11 +169,11 @@ def test_with_wrong_labels_em_stays_near_the_oracle_and_finds_p():
         wrong = simulation.simulate(scenario.Scenario(), 0.3, rng=np.random.default_rng(seed))
         truth = wrong.poses[:, :2]
         ratio = {}
-        oracle = metrics.rmse(robust.estimate(wrong, C, "oracle", "grid")[0][:, :2], truth)
+        oracle = rmse_and_nees.rmse(robust.estimate(wrong, C, "oracle", "grid")[0][:, :2], truth)
         found = association.estimate(wrong, C, "grid", True)
-        ratio["em"] = metrics.rmse(found.poses[:, :2], truth) / oracle
+        ratio["em"] = rmse_and_nees.rmse(found.poses[:, :2], truth) / oracle
         plain = robust.estimate(wrong, C, "least_squares", "grid")[0]
-        ratio["plain"] = metrics.rmse(plain[:, :2], truth) / oracle
+        ratio["plain"] = rmse_and_nees.rmse(plain[:, :2], truth) / oracle
         assert ratio["em"] < 1.25 < 2 < ratio["plain"]
         drawn_wrong = (wrong.label_of != wrong.source_of).mean()
         # the share drawn is known but for the labels nobody can tell; 180 ranges

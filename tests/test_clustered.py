@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sngr_utils import clustered, metrics
+from sngr_utils.metrics import cluster_bootstrap, precision_recall
 
 
 class Repeats:
@@ -28,14 +28,17 @@ def windows():
     return scores[mixed], truth[mixed], worlds[mixed]
 
 
-RANKING = {"roc_auc": metrics.roc_auc, "average_precision": metrics.average_precision}
+RANKING = {
+    "roc_auc": precision_recall.roc_auc,
+    "average_precision": precision_recall.average_precision,
+}
 
 
 @pytest.mark.parametrize("name", RANKING)
 def test_ranking_with_and_without_repeated_worlds(windows, name):
     scores, truth, worlds = windows
     counts = np.array([2, 0, 1, 1, 3, 0, 0, 1])
-    got = getattr(clustered, name)(scores, truth, worlds, rng=Repeats(counts))
+    got = getattr(cluster_bootstrap, name)(scores, truth, worlds, rng=Repeats(counts))
     assert got.value == pytest.approx(RANKING[name](scores, truth))
     again = np.repeat(np.arange(96), counts[worlds])
     expected = RANKING[name](scores[again], truth[again])
@@ -47,10 +50,10 @@ def test_decisions_with_and_without_repeated_worlds(windows):
     scores, truth, worlds = windows
     fired, counts = scores > 0.5, np.array([2, 0, 1, 1, 3, 0, 0, 1])
     again = np.repeat(np.arange(96), counts[worlds])
-    once, repeated = (metrics.detection(fired[i], truth[i]) for i in (slice(None), again))
-    got = clustered.matthews(fired, truth, worlds, rng=Repeats(counts))
+    once, repeated = (precision_recall.detection(fired[i], truth[i]) for i in (slice(None), again))
+    got = cluster_bootstrap.matthews(fired, truth, worlds, rng=Repeats(counts))
     assert (got.value, got.low) == pytest.approx((once.matthews, repeated.matthews))
-    got = clustered.share(fired, truth, worlds, rng=Repeats(counts))
+    got = cluster_bootstrap.share(fired, truth, worlds, rng=Repeats(counts))
     assert (got.value, got.high) == pytest.approx((once.recall, repeated.recall))
 
 
@@ -59,8 +62,8 @@ def test_windows_that_repeat_each_other_narrow_nothing(windows):
     scores, truth, worlds = windows
     twice = [np.tile(column, 2) for column in windows]
     for name in RANKING:
-        once = getattr(clustered, name)(scores, truth, worlds, rng=np.random.default_rng(1))
-        both = getattr(clustered, name)(*twice, rng=np.random.default_rng(1))
+        once = getattr(cluster_bootstrap, name)(scores, truth, worlds, rng=np.random.default_rng(1))
+        both = getattr(cluster_bootstrap, name)(*twice, rng=np.random.default_rng(1))
         assert (once.value, once.low, once.high) == pytest.approx(
             (both.value, both.low, both.high), abs=1e-9
         )
@@ -76,7 +79,7 @@ def test_interval_covers():
     worlds = np.repeat(np.arange(40), 26)
     for _ in range(300):
         marked = rng.random(len(worlds)) < np.repeat(rng.choice([0.2, 0.6], 40), 26)
-        got = clustered.share(marked, everything, worlds, rng=rng)
+        got = cluster_bootstrap.share(marked, everything, worlds, rng=rng)
         covered += got.low <= 0.4 <= got.high
     assert 0.89 <= covered / 300 <= 0.99
 
@@ -86,12 +89,12 @@ def test_what_is_undefined_is_nan(windows):
     never = np.zeros(96, dtype=bool)
     rng = np.random.default_rng(0)
     for got in (
-        clustered.roc_auc(scores, never, worlds, rng=rng),
-        clustered.average_precision(scores, never, worlds, rng=rng),
-        clustered.matthews(never, truth, worlds, rng=rng),
-        clustered.share(truth, never, worlds, rng=rng),
+        cluster_bootstrap.roc_auc(scores, never, worlds, rng=rng),
+        cluster_bootstrap.average_precision(scores, never, worlds, rng=rng),
+        cluster_bootstrap.matthews(never, truth, worlds, rng=rng),
+        cluster_bootstrap.share(truth, never, worlds, rng=rng),
     ):
         assert np.isnan([got.value, got.low, got.high]).all()
-    few = clustered.share(truth, ~never, np.minimum(worlds, 3), rng=rng)
+    few = cluster_bootstrap.share(truth, ~never, np.minimum(worlds, 3), rng=rng)
     assert few.value == pytest.approx(truth.mean())
     assert np.isnan(few.low)

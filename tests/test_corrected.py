@@ -16,7 +16,6 @@ from sngr_utils import (
     graph,
     importance,
     laplace,
-    metrics,
     nested,
     place,
     posterior,
@@ -26,6 +25,7 @@ from sngr_utils import (
     window_audit,
     windows,
 )
+from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.world import scenario
 
 # Noise a hundredth of the paper's: every window is Gaussian to about a thousandth.
@@ -262,9 +262,9 @@ def test_corrected_run_moves_only_accepted_windows(noisy):
     )  # fmt: skip
     assert [window.t for window in run.windows] == [12, 13]
     truth = noisy.world.poses[:, :2]
-    assert run.base_rmse == metrics.rmse(run.solution.poses[:, :2], truth)
+    assert run.base_rmse == rmse_and_nees.rmse(run.solution.poses[:, :2], truth)
     updated = refine.apply_updates(run.solution.estimate, run.windows)
-    assert run.pose_rmse == metrics.rmse(graph.poses_of(updated, 30)[:, :2], truth)
+    assert run.pose_rmse == rmse_and_nees.rmse(graph.poses_of(updated, 30)[:, :2], truth)
 
 
 def test_widths_follow_the_gaussian_prediction(quiet):

@@ -2,7 +2,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sngr_utils import detection_study, detection_summary, detectors, graph, metrics, windows
+from sngr_utils import detection_study, detection_summary, detectors, graph, windows
+from sngr_utils.metrics import precision_recall
 from sngr_utils.world import scenario
 
 PAPER, C = scenario.Scenario(n_poses=12), graph.PRESETS["C"]
@@ -65,8 +66,11 @@ def test_summaries_agree_with_the_plain_measures(rows):
         group = rows[rows["case"] == case]
         true, score = group["contaminated"].to_numpy(), group["disagreement"].to_numpy()
         row = ranked[ranked["case"] == case].iloc[0]
-        found = metrics.detection(score > 0.1, true)
-        expected = metrics.roc_auc(score, true), metrics.average_precision(score, true)
+        found = precision_recall.detection(score > 0.1, true)
+        expected = (
+            precision_recall.roc_auc(score, true),
+            precision_recall.average_precision(score, true),
+        )
         assert (row["auc"], row["precision"]) == pytest.approx(expected, nan_ok=True)
         row = decided[decided["case"] == case].iloc[0]
         assert (row["precision"], row["recall"], row["mcc"], row["base_rate"]) == pytest.approx(

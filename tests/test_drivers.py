@@ -15,6 +15,7 @@ from sngr_utils import (
     style,
     trigger_sweep,
 )
+from sngr_utils.metrics import standard_error
 
 
 @pytest.fixture(autouse=True)
@@ -89,7 +90,7 @@ def test_both_modes_found_with_half_the_mass_each(bimodal_result):
     """
     masses = bimodal_result.upper_masses
     assert abs(masses[0] - 0.5) < 4 * bimodal_result.upper_mass_error
-    assert abs(masses.mean() - 0.5) < 5 * report.standard_error(masses)
+    assert abs(masses.mean() - 0.5) < 5 * standard_error.standard_error(masses)
     assert ((masses > 0.05) & (masses < 0.95)).all()
 
 

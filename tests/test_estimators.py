@@ -5,17 +5,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sngr_utils import (
-    engines,
-    estimators,
-    fastslam,
-    graph,
-    metrics,
-    nested,
-    refine,
-    robust,
-    windows,
-)
+from sngr_utils import engines, estimators, fastslam, graph, nested, refine, robust, windows
+from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.world import dead_reckoning, scenario, simulation, variations
 
 C = graph.PRESETS["C"]
@@ -93,7 +84,7 @@ def test_sngr_is_that_of_the_other_notebooks():
     """
     drawn = make(0.2, 104)
     found = estimators.estimate(drawn, C, "sngr", "grid", rng=np.random.default_rng([104, 1]))
-    rmse = metrics.rmse(found.poses[:, :2], drawn.poses[:, :2])
+    rmse = rmse_and_nees.rmse(found.poses[:, :2], drawn.poses[:, :2])
     solution = graph.run_isam2(drawn, C)
     blocks = windows.covariances(solution)
     fired = windows.triggers(np.array([windows.score(block) for block in blocks]), estimators.TAU)
@@ -104,10 +95,10 @@ def test_sngr_is_that_of_the_other_notebooks():
             solution, np.flatnonzero(fired), blocks, settings, refine.Gate(), "nested", rng=stream
         )
         poses = graph.poses_of(refine.apply_updates(solution.estimate, refined), drawn.n_poses)
-        others.append(metrics.rmse(poses[:, :2], drawn.poses[:, :2]))
+        others.append(rmse_and_nees.rmse(poses[:, :2], drawn.poses[:, :2]))
     error = np.std(others, ddof=1) * np.sqrt(1 + 1 / 6)
     assert abs(rmse - np.mean(others)) < 5 * error < 1e-2
-    plain = metrics.rmse(solution.poses[:, :2], drawn.poses[:, :2])
+    plain = rmse_and_nees.rmse(solution.poses[:, :2], drawn.poses[:, :2])
     assert abs(rmse - plain) > 1e-3  # it did something
 
 
@@ -126,7 +117,7 @@ def test_the_nees_expected_over_the_prior_is_that_of_drawn_priors(method):
     for _ in range(24):
         moved = estimate(variations.draw_x0(drawn, C.x0_sigmas, rng=rng), method, "first_poses")
         errors = moved.poses[:, :2] - drawn.poses[:, :2]
-        values.append(metrics.nees(errors, moved.position_covariances))
+        values.append(rmse_and_nees.nees(errors, moved.position_covariances))
     error = np.std(values, ddof=1) / np.sqrt(len(values))
     assert abs(np.mean(values) - expected) < 5 * error + 0.02 * expected
 
@@ -137,8 +128,8 @@ def test_compare_is_one_estimate_per_row_in_any_order_of_work(runs):
     drawn = make(0.2, 103)
     row = runs.query("method == 'switchable' and seed == 103").iloc[0]
     found = estimate(drawn, "switchable")
-    assert row.pose_rmse == metrics.rmse(found.poses[:, :2], drawn.poses[:, :2])
-    assert row.landmark_rmse == metrics.rmse(found.landmarks, drawn.landmarks)
+    assert row.pose_rmse == rmse_and_nees.rmse(found.poses[:, :2], drawn.poses[:, :2])
+    assert row.landmark_rmse == rmse_and_nees.rmse(found.landmarks, drawn.landmarks)
     with joblib.parallel_config(backend="threading", n_jobs=2):
         again = estimators.compare(scenario.Scenario(), C, [0.2], [103, 102])
     order = ["seed", "method"]

@@ -3,7 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sngr_utils import crossings, fastslam, graph, metrics, particles
+from sngr_utils import crossings, fastslam, graph, particles
+from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.world import dead_reckoning, scenario, simulation, variations
 
 C = graph.PRESETS["C"]
@@ -34,16 +35,16 @@ def test_better_than_odometry_with_and_without_wrong_labels(runs):
         ours, blind = [], []
         for the_world, found in pairs:
             truth = the_world.poses[:, :2]
-            ours.append(metrics.rmse(found.poses[:, :2], truth))
+            ours.append(rmse_and_nees.rmse(found.poses[:, :2], truth))
             odometry = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
-            blind.append(metrics.rmse(odometry[:, :2], truth))
+            blind.append(rmse_and_nees.rmse(odometry[:, :2], truth))
         assert np.mean(ours) < np.mean(blind)
 
 
 def test_finds_the_landmarks_and_the_share_of_wrong_labels(runs):
     for p, pairs in runs.items():
         for the_world, found in pairs:
-            assert metrics.rmse(found.mean_landmarks, the_world.landmarks) < 0.6
+            assert rmse_and_nees.rmse(found.mean_landmarks, the_world.landmarks) < 0.6
             assert abs(found.weights @ found.wrong - p) < 0.15
 
 

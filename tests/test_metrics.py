@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sngr_utils import metrics
+from sngr_utils.metrics import (
+    bimodality,
+    cluster_bootstrap,
+    effective_sample_size,
+    precision_recall,
+    rmse_and_nees,
+)
 
 
 @pytest.fixture
@@ -18,15 +24,15 @@ def silent():
 def test_rmse_closed_form_and_missing_rows(silent):
     truth = np.array([[1.0, -2.0], [0.0, 0.0], [5.0, 5.0]])
     estimate = truth + np.array([[3.0, 4.0], [np.nan, np.nan], [0.0, 0.0]])
-    assert metrics.rmse(estimate, truth) == pytest.approx(np.sqrt(12.5))
-    assert np.isnan(metrics.rmse(estimate[1:2], truth[1:2]))
+    assert rmse_and_nees.rmse(estimate, truth) == pytest.approx(np.sqrt(12.5))
+    assert np.isnan(rmse_and_nees.rmse(estimate[1:2], truth[1:2]))
 
 
 def test_nees_closed_form():
     errors = np.array([[1.0, 2.0], [0.0, 3.0]])
     covariances = np.array([np.diag([1.0, 4.0]), [[2.0, 1.0], [1.0, 2.0]]])
     # 1 + 1, and 9 * (inverse)_{11} = 9 * 2 / 3
-    assert metrics.nees(errors, covariances) == pytest.approx((2 + 6) / 2)
+    assert rmse_and_nees.nees(errors, covariances) == pytest.approx((2 + 6) / 2)
 
 
 def test_nees_of_consistent_errors_is_the_dimension():
@@ -34,12 +40,12 @@ def test_nees_of_consistent_errors_is_the_dimension():
     rng = np.random.default_rng(0)
     factor = rng.normal(size=(4000, 2, 2)) + 2 * np.eye(2)
     errors = np.einsum("nij,nj->ni", factor, rng.normal(size=(4000, 2)))
-    value = metrics.nees(errors, factor @ factor.transpose(0, 2, 1))
+    value = rmse_and_nees.nees(errors, factor @ factor.transpose(0, 2, 1))
     assert 1e-5 < stats.chi2.cdf(value * 4000, 8000) < 1 - 1e-5
 
 
 def test_detection_counts():
-    found = metrics.detection([1, 1, 1, 0, 0, 0], [1, 1, 0, 1, 0, 0])
+    found = precision_recall.detection([1, 1, 1, 0, 0, 0], [1, 1, 0, 1, 0, 0])
     assert (found.true_positives, found.false_positives) == (2, 1)
     assert (found.false_negatives, found.true_negatives) == (1, 2)
     assert (found.triggered, found.failed, found.total) == (3, 3, 6)
@@ -48,58 +54,60 @@ def test_detection_counts():
 
 
 def test_detection_without_triggers_or_failures():
-    silent = metrics.detection([0, 0], [0, 0])
+    silent = precision_recall.detection([0, 0], [0, 0])
     assert np.isnan(silent.precision)
     assert np.isnan(silent.recall)
-    assert np.isnan(metrics.detection([], []).base_rate)
+    assert np.isnan(precision_recall.detection([], []).base_rate)
 
 
 def test_bimodality_of_two_spikes_and_of_a_weighted_sample():
     spikes = np.array([-1.0, 4.0])
     for masses in ([1.0, 1.0], [0.2, 0.8], [9.0, 1.0]):
-        assert metrics.bimodality_coefficient(spikes, np.array(masses)) == pytest.approx(1)
+        assert bimodality.bimodality_coefficient(spikes, np.array(masses)) == pytest.approx(1)
     # a weight of two is a point drawn twice
     x = np.array([0.0, 1.0, 5.0])
-    assert metrics.bimodality_coefficient(x, np.array([1.0, 2.0, 1.0])) == pytest.approx(
-        metrics.bimodality_coefficient(np.array([0.0, 1.0, 1.0, 5.0]), np.ones(4))
+    assert bimodality.bimodality_coefficient(x, np.array([1.0, 2.0, 1.0])) == pytest.approx(
+        bimodality.bimodality_coefficient(np.array([0.0, 1.0, 1.0, 5.0]), np.ones(4))
     )
 
 
 def test_bimodality_of_the_uniform_law():
     x = np.linspace(0, 1, 100_001)
-    assert metrics.bimodality_coefficient(x, np.ones(len(x))) == pytest.approx(5 / 9, abs=1e-4)
+    assert bimodality.bimodality_coefficient(x, np.ones(len(x))) == pytest.approx(5 / 9, abs=1e-4)
 
 
 def test_effective_sample_size():
-    assert metrics.effective_sample_size(np.full(7, 1e-5)) == pytest.approx(7)
-    assert metrics.effective_sample_size(np.array([1.0, 0.0])) == pytest.approx(1)
-    assert metrics.effective_sample_size(np.array([1.0, 1.0, 2.0])) == pytest.approx(16 / 6)
+    assert effective_sample_size.effective_sample_size(np.full(7, 1e-5)) == pytest.approx(7)
+    assert effective_sample_size.effective_sample_size(np.array([1.0, 0.0])) == pytest.approx(1)
+    assert effective_sample_size.effective_sample_size(np.array([1.0, 1.0, 2.0])) == pytest.approx(
+        16 / 6
+    )
 
 
 def test_matthews_is_the_correlation_of_the_indicators():
     rng = np.random.default_rng(0)
     fired, failed = rng.random((2, 50)) < [[0.3], [0.8]]
-    found = metrics.detection(fired, failed)
+    found = precision_recall.detection(fired, failed)
     assert found.matthews == pytest.approx(np.corrcoef(fired, failed)[0, 1])
-    assert metrics.detection(failed, failed).matthews == pytest.approx(1)
-    assert metrics.detection(~failed, failed).matthews == pytest.approx(-1)
-    assert np.isnan(metrics.detection(np.zeros(50), failed).matthews)
-    assert np.isnan(metrics.detection(fired, np.ones(50)).matthews)
+    assert precision_recall.detection(failed, failed).matthews == pytest.approx(1)
+    assert precision_recall.detection(~failed, failed).matthews == pytest.approx(-1)
+    assert np.isnan(precision_recall.detection(np.zeros(50), failed).matthews)
+    assert np.isnan(precision_recall.detection(fired, np.ones(50)).matthews)
 
 
 def test_roc_auc_counts_won_pairs_and_halves_ties():
     rng = np.random.default_rng(1)
     scores, truth = rng.integers(0, 6, size=40).astype(float), rng.random(40) < 0.4
     pairs = [np.sign(a - b) / 2 + 0.5 for a in scores[truth] for b in scores[~truth]]
-    assert metrics.roc_auc(scores, truth) == pytest.approx(np.mean(pairs))
-    false_rate, true_rate = metrics.roc_curve(scores, truth)
+    assert precision_recall.roc_auc(scores, truth) == pytest.approx(np.mean(pairs))
+    false_rate, true_rate = precision_recall.roc_curve(scores, truth)
     assert np.trapezoid(true_rate, false_rate) == pytest.approx(np.mean(pairs))
 
 
 def test_average_precision_closed_form():
     scores, truth = np.array([4.0, 3.0, 2.0, 1.0]), np.array([True, False, True, False])
-    assert metrics.average_precision(scores, truth) == pytest.approx(0.5 * 1 + 0.5 * 2 / 3)
-    recall, precision = metrics.precision_recall_curve(scores, truth)
+    assert precision_recall.average_precision(scores, truth) == pytest.approx(0.5 * 1 + 0.5 * 2 / 3)
+    recall, precision = precision_recall.precision_recall_curve(scores, truth)
     assert recall.tolist() == [1, 1, 0.5, 0.5, 0]
     assert precision == pytest.approx([0.5, 2 / 3, 0.5, 1, 1])
 
@@ -109,16 +117,16 @@ def test_auc_within_worlds_is_not_fooled_by_their_levels():
     scores = np.array([0.0, 1.0, 10.0, 11.0])
     truth = np.array([False, True, False, True])
     worlds = np.array([0, 0, 1, 1])
-    assert metrics.roc_auc(scores, truth) < 1
+    assert precision_recall.roc_auc(scores, truth) < 1
     rng = np.random.default_rng(0)
-    within, (low, high), n = metrics.within_auc(scores, truth, worlds, rng=rng)
+    within, (low, high), n = cluster_bootstrap.within_auc(scores, truth, worlds, rng=rng)
     assert (within, n) == (1.0, 2)
     assert np.isnan([low, high]).all()  # two worlds say too little
-    many = metrics.within_auc(
+    many = cluster_bootstrap.within_auc(
         np.tile(scores, 5), np.tile(truth, 5), np.repeat(np.arange(10), 2), rng=rng
     )
     assert many == (1.0, (1.0, 1.0), 10)
-    alone = metrics.within_auc(scores, np.ones(4, bool), worlds, rng=rng)
+    alone = cluster_bootstrap.within_auc(scores, np.ones(4, bool), worlds, rng=rng)
     assert np.isnan(alone[0])
     assert alone[2] == 0
 
@@ -126,9 +134,9 @@ def test_auc_within_worlds_is_not_fooled_by_their_levels():
 def test_auc_within_one_world_is_the_auc_and_halves_ties():
     rng = np.random.default_rng(2)
     scores, truth = rng.integers(0, 5, size=40).astype(float), rng.random(40) < 0.4
-    within, _, _ = metrics.within_auc(scores, truth, np.zeros(40), rng=rng)
-    assert within == pytest.approx(metrics.roc_auc(scores, truth))
-    tied = metrics.within_auc(np.ones(2), np.array([True, False]), np.zeros(2), rng=rng)
+    within, _, _ = cluster_bootstrap.within_auc(scores, truth, np.zeros(40), rng=rng)
+    assert within == pytest.approx(precision_recall.roc_auc(scores, truth))
+    tied = cluster_bootstrap.within_auc(np.ones(2), np.array([True, False]), np.zeros(2), rng=rng)
     assert tied[0] == 0.5
 
 
@@ -138,7 +146,7 @@ def test_auc_within_has_an_interval_from_five_worlds_on(n):
     scores = np.tile([0.0, 1.0], n)
     truth, worlds = np.tile([False, True], n), np.repeat(np.arange(n), 2)
     truth[:2] = [True, False]
-    within, (low, high), counted = metrics.within_auc(
+    within, (low, high), counted = cluster_bootstrap.within_auc(
         scores, truth, worlds, rng=np.random.default_rng(0)
     )
     assert (within, counted) == (1 - 1 / n, n)
@@ -153,7 +161,7 @@ def test_interval_of_auc_within_is_that_of_drawn_worlds():
     scores, worlds = np.tile([0.0, 1.0], 50), np.repeat(np.arange(50), 2)
     truth = np.tile([False, True], 50)
     truth[60:] = ~truth[60:]
-    _, ends, _ = metrics.within_auc(scores, truth, worlds, rng=np.random.default_rng(0))
+    _, ends, _ = cluster_bootstrap.within_auc(scores, truth, worlds, rng=np.random.default_rng(0))
     law = stats.binom(50, 0.6)
     assert 50 * np.array(ends) == pytest.approx([law.ppf(0.025), law.ppf(0.975)], abs=1.01)
 
@@ -161,8 +169,8 @@ def test_interval_of_auc_within_is_that_of_drawn_worlds():
 @pytest.mark.parametrize("value", [True, False])
 def test_an_empty_class_has_no_area_and_no_curve(value, silent):
     truth = np.full(3, value)
-    assert np.isnan(metrics.roc_auc(np.arange(3.0), truth))
-    assert np.isnan(metrics.average_precision(np.arange(3.0), truth))
-    for curve in (metrics.roc_curve, metrics.precision_recall_curve):
+    assert np.isnan(precision_recall.roc_auc(np.arange(3.0), truth))
+    assert np.isnan(precision_recall.average_precision(np.arange(3.0), truth))
+    for curve in (precision_recall.roc_curve, precision_recall.precision_recall_curve):
         with pytest.raises(ValueError, match="one class only"):
             curve(np.arange(3.0), truth)

@@ -3,7 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sngr_utils import graph, metrics, mixtures, robust
+from sngr_utils import graph, mixtures, robust
+from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.world import dead_reckoning, simulation
 from sngr_utils.world.scenario import Scenario
 
@@ -68,7 +69,7 @@ def test_all_landmarks_recover_the_oracle_up_to_a_few_ranges():
         assert (the_world.label_of == the_world.source_of).mean() < 0.7
         assert (chosen == the_world.source_of).mean() > 0.85
         oracle, _ = robust.estimate(the_world, C, "oracle", "grid")
-        assert metrics.rmse(found.poses[:, :2], oracle[:, :2]) < 0.1
+        assert rmse_and_nees.rmse(found.poses[:, :2], oracle[:, :2]) < 0.1
 
 
 @pytest.mark.parametrize("components", mixtures.COMPONENTS)

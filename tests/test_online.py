@@ -14,7 +14,6 @@ from sngr_utils import (
     estimators,
     graph,
     landmark_start,
-    metrics,
     odometry_doubt,
     online,
     online_study,
@@ -22,6 +21,7 @@ from sngr_utils import (
     robust,
     smoother,
 )
+from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.world import scenario, simulation, variations
 
 C = graph.PRESETS["C"]
@@ -38,7 +38,7 @@ def run(drawn, settings=WHOLE, watch=None):
 
 
 def rmse(found, drawn):
-    return metrics.rmse(found.poses[:, :2], drawn.poses[:, :2])
+    return rmse_and_nees.rmse(found.poses[:, :2], drawn.poses[:, :2])
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +123,7 @@ def test_wrong_labels_are_found_out(seed):
     assert np.mean(found.used == drawn.source_of) > 0.9
     assert found.p == pytest.approx(np.mean(drawn.label_of != drawn.source_of), abs=0.06)
     oracle, _ = robust.estimate(drawn, C, "oracle", "grid")
-    assert rmse(found, drawn) < 1.35 * metrics.rmse(oracle[:, :2], drawn.poses[:, :2])
+    assert rmse(found, drawn) < 1.35 * rmse_and_nees.rmse(oracle[:, :2], drawn.poses[:, :2])
     covariances = found.position_covariances
     assert np.linalg.eigvalsh(covariances).min() > 0
     assert estimators.expected_nees(drawn, C, found.poses, covariances) < 6
@@ -184,7 +184,7 @@ def test_a_slip_is_noticed_and_survived():
     assert found.counts["slips"] >= 1
     assert found.counts["position questions"] >= 1
     oracle, _ = robust.estimate(slipped, C, "oracle", "grid")
-    assert rmse(found, drawn) < 0.5 * metrics.rmse(oracle[:, :2], drawn.poses[:, :2])
+    assert rmse(found, drawn) < 0.5 * rmse_and_nees.rmse(oracle[:, :2], drawn.poses[:, :2])
 
 
 # --- parts ----------------------------------------------------------------------------------
@@ -334,7 +334,7 @@ def test_slips_are_the_same_for_all():
     drawn = variations.slip(sound, 4, 0.7, rng=np.random.default_rng([100, online_study.SLIPS]))
     oracle, _ = robust.estimate(drawn, C, "oracle", "grid")
     row = frame[frame["method"] == "oracle"].iloc[0]
-    assert row.pose_rmse == metrics.rmse(oracle[:, :2], drawn.poses[:, :2])
+    assert row.pose_rmse == rmse_and_nees.rmse(oracle[:, :2], drawn.poses[:, :2])
 
 
 def test_film_stops_where_it_is_told():

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from sngr_utils import report
+from sngr_utils.metrics import standard_error
 
 
 @pytest.mark.parametrize(
@@ -19,8 +20,8 @@ def test_text(value, fmt, shown):
 
 def test_spread_of_few_values():
     assert report.mean_std([1.0, 3.0]) == "2.00 ± 1.41"
-    assert report.standard_error([1.0, 3.0]) == pytest.approx(1.0)
-    assert math.isnan(report.standard_error([1.0]))
+    assert standard_error.standard_error([1.0, 3.0]) == pytest.approx(1.0)
+    assert math.isnan(standard_error.standard_error([1.0]))
 
 
 @pytest.mark.parametrize(

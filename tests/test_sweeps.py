@@ -4,7 +4,8 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from sngr_utils import baseline, graph, metrics, sweeps, windows
+from sngr_utils import baseline, graph, sweeps, windows
+from sngr_utils.metrics import precision_recall, rmse_and_nees, summaries
 from sngr_utils.world import dead_reckoning, scenario
 
 SMALL = scenario.Scenario(n_poses=8)
@@ -50,17 +51,17 @@ def test_sweep_rows_are_those_of_single_runs(serial):
     )  # fmt: skip
     assert (row.failed, row.base_rate) == (run.failed.sum(), run.base_rate)
     blind = dead_reckoning.dead_reckoning(run.world.x0_mean, run.world.odometry)
-    assert row.odometry_rmse == metrics.rmse(blind[:, :2], run.world.poses[:, :2])
+    assert row.odometry_rmse == rmse_and_nees.rmse(blind[:, :2], run.world.poses[:, :2])
     assert scores.score.tolist() == run.scores.tolist()
     assert scores.failed.tolist() == run.failed.tolist()
     assert scores.eligible.tolist() == [False, False, True, True, True, True]
     for row in detections.itertuples():
-        found = metrics.detection(windows.triggers(run.scores, row.tau), run.failed)
+        found = precision_recall.detection(windows.triggers(run.scores, row.tau), run.failed)
         counts = (found.true_positives, found.false_positives, found.false_negatives)
         assert (row.tp, row.fp, row.fn) == counts
         assert (row.triggered, row.tp + row.fp + row.fn + row.tn) == (found.triggered, 6)
         fires = windows.triggers(run.scores, row.tau)
-        may_fire = metrics.detection(fires[2:], run.failed[2:])
+        may_fire = precision_recall.detection(fires[2:], run.failed[2:])
         assert np.array_equal(
             [row.precision, row.recall, row.mcc],
             [found.precision, found.recall, may_fire.matthews],
@@ -91,7 +92,7 @@ def test_summary_closed_form_and_missing_values():
         "p": [0.1] * 7,
         "x": [1.0, 2.0, 6.0, np.nan, 5.0, np.nan, np.nan],
     })
-    table = sweeps.summary(frame, "x")
+    table = summaries.summary(frame, "x")
     assert table.preset.tolist() == ["b", "a", "c"]
     assert table.n.tolist() == [3, 1, 0]
     assert table.missing.tolist() == [1, 0, 2]
@@ -116,7 +117,7 @@ def test_coverage_that_the_docstring_of_summary_states():
     for n, share in ((30, 0.90), (5, 0.86)):
         values = np.exp(s * rng.normal(size=(2000, n)))
         frame = pd.DataFrame({"world": np.repeat(np.arange(2000), n), "x": values.ravel()})
-        table = sweeps.summary(frame, "x", by=["world"])
+        table = summaries.summary(frame, "x", by=["world"])
         covers = (table.low <= truth) & (truth <= table.high)
         assert covers.mean() == pytest.approx(share, abs=0.04)
     ends = stats.bootstrap(
@@ -140,13 +141,13 @@ def paired(n=12, gap=0.3):
 def test_paired_difference_against_scipy():
     runs = paired()
     a, b = (runs.x[runs.preset == name].to_numpy() for name in "ab")
-    row = sweeps.paired_difference(runs, "x", "a", "b").iloc[0]
+    row = summaries.paired_difference(runs, "x", "a", "b").iloc[0]
     test = stats.ttest_rel(a, b)
     ends = test.confidence_interval(0.95)
     assert (row["mean"], row.low, row.high) == pytest.approx(((a - b).mean(), *ends))
     assert row["mean"] / row.se == pytest.approx(test.statistic)
     assert row.p_value == pytest.approx(stats.wilcoxon(a, b).pvalue)
-    other = sweeps.paired_difference(runs, "x", "b", "a").iloc[0]
+    other = summaries.paired_difference(runs, "x", "b", "a").iloc[0]
     assert (other["mean"], other.low) == pytest.approx((-row["mean"], -row.high))
     # pairing takes the difficulty of the worlds out
     assert row.se < 0.2 * np.sqrt(a.var(ddof=1) / 12 + b.var(ddof=1) / 12)
@@ -157,15 +158,17 @@ def test_paired_difference_uses_common_seeds_and_known_values():
     runs = runs[~((runs.preset == "b") & (runs.seed >= 10))]
     runs.loc[(runs.preset == "a") & (runs.seed == 0), "x"] = np.nan
     shuffled = runs.sample(frac=1, random_state=np.random.default_rng(0))
-    row = sweeps.paired_difference(shuffled, "x", "a", "b").iloc[0]
+    row = summaries.paired_difference(shuffled, "x", "a", "b").iloc[0]
     assert (row.n, row.missing) == (9, 1)
-    same = sweeps.paired_difference(runs, "x", "b", "b").iloc[0]
+    same = summaries.paired_difference(runs, "x", "b", "b").iloc[0]
     assert (same["mean"], same.p_value) == (0, 1)
     with pytest.raises(ValueError, match="preset is 'd'"):
-        sweeps.paired_difference(runs, "x", "a", "d")
+        summaries.paired_difference(runs, "x", "a", "d")
     apart = runs[(runs.preset == "a") | (runs.seed < 0)]
     with pytest.raises(ValueError, match="in common"):
-        sweeps.paired_difference(pd.concat([apart, apart.assign(preset="c", p=0.9)]), "x", "a", "c")
+        summaries.paired_difference(
+            pd.concat([apart, apart.assign(preset="c", p=0.9)]), "x", "a", "c"
+        )
 
 
 @pytest.fixture(scope="module")
@@ -188,13 +191,16 @@ def test_nees_is_the_same_in_any_frame_that_errors_and_covariances_share(noisy):
         cos * errors[:, 0] + sin * errors[:, 1],
         cos * errors[:, 1] - sin * errors[:, 0],
     ])
-    body = metrics.nees(turned, graph.position_covariances(noisy.solution, "body"))
+    body = rmse_and_nees.nees(turned, graph.position_covariances(noisy.solution, "body"))
     assert body == pytest.approx(noisy.nees)
 
 
 def test_nees_is_two_only_with_a_drawn_mean_and_a_common_frame(variants):
     """30 worlds. A t variable of 29 degrees leaves 5 standard errors with probability 3e-5."""
-    table = sweeps.summary(variants, "nees", ["x0_mean", "frame"]).set_index(["x0_mean", "frame"])
+    table = summaries.summary(variants, "nees", ["x0_mean", "frame"]).set_index([
+        "x0_mean",
+        "frame",
+    ])
     drawn = table.loc[("drawn", "world")]
     assert abs(drawn["mean"] - 2) < 5 * drawn.se
     for other in (("truth", "world"), ("truth", "body"), ("drawn", "body")):

@@ -1,38 +1,10 @@
-"""What is measured about an estimate. Pure functions of arrays."""
+"""A detector against the truth: precision, recall, ROC and its area."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 from sklearn import metrics as sklearn_metrics
-
-
-def rmse(estimate: np.ndarray, truth: np.ndarray) -> float:
-    """Root mean square distance between two (N, 2) sets of positions, [m].
-
-    Rows that are NaN in `estimate` (landmarks that were never started) are left out; NaN if
-    nothing is left. No alignment: the first pose's prior fixes the frame.
-    """
-    squared = np.sum((np.asarray(estimate) - np.asarray(truth)) ** 2, axis=1)
-    squared = squared[np.isfinite(squared)]
-    return float(np.sqrt(squared.mean())) if len(squared) else float("nan")
-
-
-def nees(errors: np.ndarray, covariances: np.ndarray) -> float:
-    """Normalised estimation error squared, e^T P^-1 e, averaged over N poses.
-
-    Its expectation is the dimension (2 for positions) if the errors follow the covariances.
-
-    Parameters
-    ----------
-    errors : (N, d), [m]
-    covariances : (N, d, d), [m^2]
-
-    Source: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and
-    Navigation, section 5.4.
-    """
-    solved = np.linalg.solve(covariances, errors[:, :, None])[:, :, 0]
-    return float(np.mean(np.sum(errors * solved, axis=1)))
 
 
 @dataclass(frozen=True)
@@ -141,42 +113,6 @@ def precision_recall_curve(scores: np.ndarray, truth: np.ndarray) -> tuple[np.nd
     return recall, precision
 
 
-def within_auc(
-    scores: np.ndarray, truth: np.ndarray, worlds: np.ndarray, *, rng: np.random.Generator
-) -> tuple[float, tuple[float, float], int]:
-    """AUC from pairs of cases of the same world only, its 95 % interval, and worlds that count.
-
-    A pooled AUC also compares cases of different worlds, whose scores may differ in level; this
-    one asks whether a score ranks the cases of one world. Worlds where all cases are alike have
-    no pair. The interval draws whole worlds; NaN below five of them, which say too little.
-
-    Parameters
-    ----------
-    scores : (N,) higher means more likely true
-    truth : (N,) bool
-    worlds : (N,) which world each case is of, e.g. its seed
-
-    Source: Field & Welsh, Bootstrapping clustered data, JRSS B 69, 2007.
-    """
-    won, pairs = [], []
-    for name in np.unique(worlds):
-        here = np.asarray(worlds) == name
-        positive, negative = scores[here & truth], scores[here & ~truth]
-        if len(positive) and len(negative):
-            gap = positive[:, None] - negative
-            won.append(float(np.sum((gap > 0) + 0.5 * (gap == 0))))
-            pairs.append(gap.size)
-    n = len(pairs)
-    if n == 0:
-        return float("nan"), (float("nan"), float("nan")), 0
-    won, pairs = np.array(won), np.array(pairs)
-    if n < 5:
-        return float(won.sum() / pairs.sum()), (float("nan"), float("nan")), n
-    drawn = rng.multinomial(n, np.full(n, 1 / n), size=2000)
-    low, high = np.quantile((drawn @ won) / (drawn @ pairs), [0.025, 0.975])
-    return float(won.sum() / pairs.sum()), (float(low), float(high)), n
-
-
 def _mixed(truth: np.ndarray) -> bool:
     """Are there both true and false cases?"""
     return len(np.unique(np.asarray(truth, dtype=bool))) == 2
@@ -185,29 +121,3 @@ def _mixed(truth: np.ndarray) -> bool:
 def _require_mixed(truth: np.ndarray) -> None:
     if not _mixed(truth):
         raise ValueError("truth holds one class only: a curve needs true and false cases")
-
-
-def bimodality_coefficient(samples: np.ndarray, weights: np.ndarray) -> float:
-    """(skewness^2 + 1) / kurtosis of weighted samples; the uniform law has 5/9.
-
-    Lies in (0, 1]; 1 for any two spikes, whatever their masses, 1/3 for a Gaussian.
-
-    Parameters
-    ----------
-    samples : (N,)
-    weights : (N,) non-negative, of any sum
-
-    Source: SAS/STAT user's guide, the CLUSTER procedure (without the small-sample term).
-    """
-    weights = weights / weights.sum()
-    centred = samples - np.sum(weights * samples)
-    second, third, fourth = (np.sum(weights * centred**k) for k in (2, 3, 4))
-    return float((third**2 / second**3 + 1) / (fourth / second**2))
-
-
-def effective_sample_size(weights: np.ndarray) -> float:
-    """Kish's effective sample size (sum w)^2 / sum w^2 of N weights of any sum, from 1 to N.
-
-    Source: Kish, Survey Sampling, 1965.
-    """
-    return float(np.sum(weights) ** 2 / np.sum(np.square(weights)))
