@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sngr_utils.importance import DEGREES
-from sngr_utils.jit import compile_once
 from sngr_utils.landmark_target import Landmark
-from sngr_utils.many_starts import Modes, distances, inverse_factors
+from sngr_utils.many_starts import Modes, inverse_factors
 from sngr_utils.metrics.effective_sample_size import effective_sample_size
 from sngr_utils.nested import NestedRun
+from sngr_utils.numerics.jit import compile_once
+from sngr_utils.numerics.linalg import distances
 from sngr_utils.window_target import LOG_TAU, Window
 
 N_CENTRES = 60  # weighted draws that become components

@@ -15,7 +15,7 @@ from gtsam.symbol_shorthand import L, X
 from scipy import linalg, special
 
 from sngr_utils import graph, robust
-from sngr_utils.jit import compile_once
+from sngr_utils.numerics.jit import compile_once
 from sngr_utils.world import dead_reckoning, simulation
 
 MOST_LANDMARKS = 14  # of mutual exclusion: time and memory grow with 2^K

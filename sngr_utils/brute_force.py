@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sngr_utils.jit import compile_once
 from sngr_utils.landmark_target import Landmark
 from sngr_utils.metrics.effective_sample_size import effective_sample_size
+from sngr_utils.numerics.jit import compile_once
 from sngr_utils.window_target import Window, place, range_term
 
 N_RADII, N_ANGLES = 40, 720  # cells of the polar grid

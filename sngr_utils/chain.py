@@ -14,7 +14,8 @@ import gtsam
 import numpy as np
 
 from sngr_utils.graph import Conventions, Solution
-from sngr_utils.information import add_odometry, add_ranges, eliminate, invert, substitute
+from sngr_utils.information import add_odometry, add_ranges, eliminate, substitute
+from sngr_utils.numerics.linalg import invert
 from sngr_utils.world.simulation import World
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import gtsam
 import numpy as np
 
-from sngr_utils.jit import compile_once
+from sngr_utils.numerics.jit import compile_once
 
 TWO_PI = 2 * math.pi
 

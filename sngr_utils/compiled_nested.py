@@ -13,7 +13,7 @@ import numpy as np
 from numba.extending import overload
 
 from sngr_utils.compiled import Factors, energy
-from sngr_utils.jit import compile_once
+from sngr_utils.numerics.jit import compile_once
 
 HOP = 0.05  # share of steps of a full difference of live points, which can change the mode
 TARGET_ACCEPTANCE = 0.2

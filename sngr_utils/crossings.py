@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from sngr_utils.jit import compile_once
+from sngr_utils.numerics.jit import compile_once
 
 OUTLIER_SHARE = 0.5  # of the ranges a landmark is started from: right or wrong alike
 REFINEMENTS = 6  # reweighted Gauss-Newton steps

@@ -12,7 +12,8 @@ import numpy as np
 from pydantic import Field
 
 from sngr_utils.compiled import Factors, energy, residuals
-from sngr_utils.jit import compile_once
+from sngr_utils.numerics.jit import compile_once
+from sngr_utils.numerics.linalg import factorise, solve_lower, solve_upper
 from sngr_utils.settings import Checked
 
 DEGREES = 10.0  # of freedom of the proposal's Student t components
@@ -96,43 +97,6 @@ class Weighted:
     calls: int
     modes: np.ndarray
     diagnostics: Diagnostics
-
-
-@compile_once
-def _factorise(matrix):
-    """Lower Cholesky factor in place; False if the matrix is not positive definite."""
-    for i in range(len(matrix)):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= matrix[i, k] * matrix[j, k]
-            if i == j:
-                if total <= 0:
-                    return False
-                matrix[i, i] = math.sqrt(total)
-            else:
-                matrix[i, j] = total / matrix[j, j]
-    return True
-
-
-@compile_once
-def _solve_lower(lower, right):
-    """L^-1 b, in place."""
-    for i in range(len(right)):
-        total = right[i]
-        for k in range(i):
-            total -= lower[i, k] * right[k]
-        right[i] = total / lower[i, i]
-
-
-@compile_once
-def _solve_upper(lower, right):
-    """L^-T b, in place."""
-    for i in range(len(right) - 1, -1, -1):
-        total = right[i]
-        for k in range(i + 1, len(right)):
-            total -= lower[k, i] * right[k]
-        right[i] = total / lower[i, i]
 
 
 @compile_once
@@ -245,13 +209,13 @@ def find_modes(factors, cholesky, rotated, starts, n_residuals):
                 damped[:] = hessian
                 for i in range(d):
                     damped[i, i] += damping * max(hessian[i, i], 1e-3)
-                if _factorise(damped):
+                if factorise(damped):
                     trial[:] = slope
-                    _solve_lower(damped, trial)
+                    solve_lower(damped, trial)
                     gain = 0.0
                     for i in range(d):
                         gain += trial[i] * trial[i]
-                    _solve_upper(damped, trial)
+                    solve_upper(damped, trial)
                     for i in range(d):
                         trial[i] = z[i] - trial[i]
                     there = _objective(factors, cholesky, trial, x, poses, points)
@@ -267,7 +231,7 @@ def find_modes(factors, cholesky, rotated, starts, n_residuals):
                 break
             z[:], value, damping = trial, there, 0.1 * damping
             if gain < 1e-4:  # a hundredth of a standard deviation
-                if _factorise(hessian) and found < MAX_MODES:
+                if factorise(hessian) and found < MAX_MODES:
                     modes[found], lowers[found], masses[found] = z, hessian, -value
                     for i in range(d):
                         masses[found] -= math.log(hessian[i, i])

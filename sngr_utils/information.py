@@ -10,7 +10,8 @@ import math
 
 import numpy as np
 
-from sngr_utils.jit import compile_once
+from sngr_utils.numerics.jit import compile_once
+from sngr_utils.numerics.linalg import invert
 
 SMALL_ANGLE = 1e-5  # rad, up to it GTSAM's derivative of the logarithm is a first-order series
 SMALL_RANGE = 1e-10  # m, up to it GTSAM takes (1, 1) for the direction to a landmark
@@ -144,35 +145,6 @@ def add_ranges(poses, landmarks, pose_of, label_of, weight, own, rest, front, lo
                 rest[t, i, column + j] += weight * row[i] * ahead[j]
                 term = weight * ahead[i] * ahead[j]
                 _accumulate(front, lost, column + i, column + j, term)
-
-
-@compile_once
-def invert(matrix):
-    """Invert a symmetric positive definite (n, n) matrix in place; reads its upper triangle."""
-    n = len(matrix)
-    for j in range(n):  # Cholesky: matrix = U^T U
-        for k in range(j):
-            matrix[j, j] -= matrix[k, j] * matrix[k, j]
-        if not matrix[j, j] > 0.0:
-            raise ValueError("the information matrix is not positive definite: no covariance")
-        matrix[j, j] = math.sqrt(matrix[j, j])
-        for i in range(j + 1, n):
-            for k in range(j):
-                matrix[j, i] -= matrix[k, i] * matrix[k, j]
-            matrix[j, i] /= matrix[j, j]
-    for j in range(n):  # U^-1, in the same triangle
-        matrix[j, j] = 1.0 / matrix[j, j]
-        for i in range(j + 1, n):
-            total = 0.0
-            for k in range(j, i):
-                total += matrix[k, i] * matrix[j, k]
-            matrix[j, i] = -total / matrix[i, i]
-    for j in range(n):
-        for i in range(j, n):
-            total = 0.0
-            for k in range(i, n):
-                total += matrix[i, k] * matrix[j, k]
-            matrix[i, j] = matrix[j, i] = total
 
 
 @compile_once

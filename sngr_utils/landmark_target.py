@@ -12,8 +12,8 @@ import numpy as np
 from numba.extending import overload
 
 from sngr_utils.compiled_nested import evaluate
-from sngr_utils.compiled_walk import normal_quantile
-from sngr_utils.jit import compile_once
+from sngr_utils.numerics.jit import compile_once
+from sngr_utils.numerics.normal import normal_quantile
 from sngr_utils.window_target import chain_positions
 from sngr_utils.world.dead_reckoning import dead_reckoning
 from sngr_utils.world.simulation import World

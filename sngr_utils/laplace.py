@@ -1,6 +1,5 @@
 """Laplace's approximation with the full Hessian: what a window would be if it were one Gaussian."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +8,9 @@ from scipy.special import gammaln
 from sngr_utils.compiled import Factors, log_likelihoods
 from sngr_utils.importance import DEGREES, MAX_K_HAT, pareto_k_hat
 from sngr_utils.nested import NestedRun
+from sngr_utils.numerics.derivatives import STEP, derivatives
 
 MIN_ESS_SHARE = 0.1  # of the draws, below which they are not trusted
-STEP = 1e-2  # of the differences, in standard deviations of the prior or of the last Gaussian
 
 
 @dataclass(frozen=True)
@@ -66,37 +65,6 @@ def laplace(
             log_ratio = np.linalg.slogdet(spread)[1] - np.log(np.diag(cholesky)).sum()
             return Laplace(at, spread @ spread.T, float(value + 0.5 * rise + log_ratio))
     return None
-
-
-def derivatives(
-    function: Callable[[np.ndarray], np.ndarray], at: np.ndarray, steps: np.ndarray
-) -> tuple[float, np.ndarray, np.ndarray]:
-    """Value, gradient and minus the Hessian of a function at a point.
-
-    Central differences of one step and of two, extrapolated: the error is of fourth order.
-
-    Parameters
-    ----------
-    function : of (N, d) points, returns (N,) values
-    steps : (d, d), in its columns the steps; the derivatives are per step
-    """
-    d, eye = len(at), np.eye(len(at))
-    first, second = np.triu_indices(d, 1)
-    pairs = eye[first] + eye[second]
-    directions = np.concatenate([np.zeros((1, d)), eye, -eye, pairs, -pairs])
-    slopes, hessians = [], []
-    for length in (1, 2):
-        f = function(at + length * directions @ steps.T)
-        up, down = f[1 : d + 1], f[d + 1 : 2 * d + 1]
-        both = f[2 * d + 1 :].reshape(2, -1).sum(axis=0)
-        own = (up + down - 2 * f[0]) / length**2
-        mixed = 0.5 * ((both - 2 * f[0]) / length**2 - own[first] - own[second])
-        hessian = np.diag(own)
-        hessian[first, second] = hessian[second, first] = mixed
-        slopes.append((up - down) / (2 * length))
-        hessians.append(hessian)
-    slope, hessian = ((4 * one - two) / 3 for one, two in (slopes, hessians))
-    return float(f[0]), slope, -hessian
 
 
 def sample(

@@ -10,10 +10,11 @@ import numpy as np
 
 from sngr_utils.compiled_nested import energy_at
 from sngr_utils.importance import SAME_MODE
-from sngr_utils.jit import compile_once
 from sngr_utils.landmark_target import Landmark
-from sngr_utils.laplace import derivatives
 from sngr_utils.nested import NestedRun
+from sngr_utils.numerics.derivatives import derivatives
+from sngr_utils.numerics.jit import compile_once
+from sngr_utils.numerics.linalg import distances
 from sngr_utils.window_target import LOG_TAU, Window
 
 STEP = 1e-4  # of the differences
@@ -160,19 +161,3 @@ def laplace_draws(modes: Modes, n: int, *, rng: np.random.Generator) -> NestedRu
     points = modes.places[0] + rng.standard_normal((n, len(spread))) @ spread.T
     return NestedRun(points, np.full(n, 1 / n), modes.log_gaussian(0, points),
                      float(modes.log_masses[0]), float("nan"), modes.calls)  # fmt: skip
-
-
-@compile_once
-def distances(points, places, inverses):
-    """(N, K) squared norms of lower-triangular inverses times offsets from the places."""
-    (n, d), out = points.shape, np.zeros((len(points), len(places)))
-    offset = np.empty(d)
-    for k in range(n):
-        for c in range(len(places)):
-            for i in range(d):
-                offset[i] = points[k, i] - places[c, i]
-                total = 0.0
-                for j in range(i + 1):
-                    total += inverses[c, i, j] * offset[j]
-                out[k, c] += total * total
-    return out

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sngr_utils.jit import compile_once
+from sngr_utils.numerics.jit import compile_once
 
 MAX_STEPS = 200
 SAME = 0.1  # places nearer than this share of the best range's standard deviation are one

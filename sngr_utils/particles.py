@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sngr_utils.crossings import crossings, distance_between, evidence, refine
-from sngr_utils.jit import compile_once
+from sngr_utils.numerics.jit import compile_once
 
 APART = 0.5  # m, between the hypotheses of a landmark at its start
 TWO_PI = 2 * math.pi

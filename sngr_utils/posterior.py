@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from sngr_utils import compiled, laplace, windows
+from sngr_utils import compiled, windows
 from sngr_utils.graph import Solution
+from sngr_utils.numerics import derivatives
 
 STEP = 1e-3  # of the differences in `expand`, [m] or [rad]
 
@@ -128,7 +129,7 @@ def expand(solution: Solution, full: bool = True) -> list[Piece]:
         alone.push_back(one)
         if full:
             factors = compiled.flatten(alone, solution.estimate, keys, 1.0)
-            slope, hessian = laplace.derivatives(
+            slope, hessian = derivatives.derivatives(
                 lambda xi, factors=factors: compiled.log_likelihoods(factors, xi),
                 np.zeros(factors.dimension), STEP * np.eye(factors.dimension),
             )[1:]  # fmt: skip

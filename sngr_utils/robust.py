@@ -15,7 +15,7 @@ from gtsam.symbol_shorthand import L, X
 from scipy import stats
 
 from sngr_utils import graph
-from sngr_utils.jit import compile_once
+from sngr_utils.numerics.jit import compile_once
 from sngr_utils.world import dead_reckoning, simulation
 
 # rho(r) of a whitened range residual r, and where its constant comes from

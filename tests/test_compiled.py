@@ -5,7 +5,7 @@ from gtsam.symbol_shorthand import L, X
 from scipy.special import ndtri
 
 from sngr_utils import compiled, importance, nested, windows
-from sngr_utils.compiled_walk import normal_quantile
+from sngr_utils.numerics.normal import normal_quantile
 
 
 def random_graph(rng):

@@ -1,6 +1,6 @@
 """Machine code is kept apart for each state of the compiled sources."""
 
-from sngr_utils import jit
+from sngr_utils.numerics import jit
 
 COMPILED = "@compile_once\ndef f(x): return x"
 

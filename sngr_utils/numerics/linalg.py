@@ -1,0 +1,89 @@
+"""Compiled linear algebra of small dense matrices."""
+
+import math
+
+import numpy as np
+
+from sngr_utils.numerics.jit import compile_once
+
+
+@compile_once
+def invert(matrix):
+    """Invert a symmetric positive definite (n, n) matrix in place; reads its upper triangle."""
+    n = len(matrix)
+    for j in range(n):  # Cholesky: matrix = U^T U
+        for k in range(j):
+            matrix[j, j] -= matrix[k, j] * matrix[k, j]
+        if not matrix[j, j] > 0.0:
+            raise ValueError("the information matrix is not positive definite: no covariance")
+        matrix[j, j] = math.sqrt(matrix[j, j])
+        for i in range(j + 1, n):
+            for k in range(j):
+                matrix[j, i] -= matrix[k, i] * matrix[k, j]
+            matrix[j, i] /= matrix[j, j]
+    for j in range(n):  # U^-1, in the same triangle
+        matrix[j, j] = 1.0 / matrix[j, j]
+        for i in range(j + 1, n):
+            total = 0.0
+            for k in range(j, i):
+                total += matrix[k, i] * matrix[j, k]
+            matrix[j, i] = -total / matrix[i, i]
+    for j in range(n):
+        for i in range(j, n):
+            total = 0.0
+            for k in range(i, n):
+                total += matrix[i, k] * matrix[j, k]
+            matrix[i, j] = matrix[j, i] = total
+
+
+@compile_once
+def factorise(matrix):
+    """Lower Cholesky factor in place; False if the matrix is not positive definite."""
+    for i in range(len(matrix)):
+        for j in range(i + 1):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= matrix[i, k] * matrix[j, k]
+            if i == j:
+                if total <= 0:
+                    return False
+                matrix[i, i] = math.sqrt(total)
+            else:
+                matrix[i, j] = total / matrix[j, j]
+    return True
+
+
+@compile_once
+def solve_lower(lower, right):
+    """L^-1 b, in place."""
+    for i in range(len(right)):
+        total = right[i]
+        for k in range(i):
+            total -= lower[i, k] * right[k]
+        right[i] = total / lower[i, i]
+
+
+@compile_once
+def solve_upper(lower, right):
+    """L^-T b, in place."""
+    for i in range(len(right) - 1, -1, -1):
+        total = right[i]
+        for k in range(i + 1, len(right)):
+            total -= lower[k, i] * right[k]
+        right[i] = total / lower[i, i]
+
+
+@compile_once
+def distances(points, places, inverses):
+    """(N, K) squared norms of lower-triangular inverses times offsets from the places."""
+    (n, d), out = points.shape, np.zeros((len(points), len(places)))
+    offset = np.empty(d)
+    for k in range(n):
+        for c in range(len(places)):
+            for i in range(d):
+                offset[i] = points[k, i] - places[c, i]
+                total = 0.0
+                for j in range(i + 1):
+                    total += inverses[c, i, j] * offset[j]
+                out[k, c] += total * total
+    return out
