@@ -14,8 +14,11 @@ import numpy as np
 from gtsam.symbol_shorthand import L, X
 from scipy import linalg, special
 
-from sngr_utils import graph, robust
+from sngr_utils import robust
 from sngr_utils.numerics.jit import compile_once
+from sngr_utils.slam import landmark_starts, solution
+from sngr_utils.slam.conventions import Conventions
+from sngr_utils.slam.factors import range_factor, sure_factors
 from sngr_utils.world import dead_reckoning, simulation
 
 MOST_LANDMARKS = 14  # of mutual exclusion: time and memory grow with 2^K
@@ -154,29 +157,29 @@ def _matchings(weights):
 
 
 def estimate(
-    the_world: simulation.World, conventions: graph.Conventions, start: str, exclusive: bool
+    the_world: simulation.World, conventions: Conventions, start: str, exclusive: bool
 ) -> SoftEstimate:
     """EM over the batch from dead reckoning, landmarks started as `start` says.
 
     Parameters
     ----------
-    start : one of `robust.STARTS`
+    start : one of `landmark_starts.STARTS`
     exclusive : whether the ranges of one pose come from different landmarks
 
     Raises
     ------
     ValueError : unknown start, or more landmarks than mutual exclusion takes
     """
-    if start not in robust.STARTS:
-        raise ValueError(f"start is {start!r}: it must be one of {sorted(robust.STARTS)}")
+    if start not in landmark_starts.STARTS:
+        raise ValueError(f"start is {start!r}: it must be one of {sorted(landmark_starts.STARTS)}")
     poses = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
-    landmarks = robust.start_landmarks(the_world, poses, start)
+    landmarks = landmark_starts.start_landmarks(the_world, poses, start)
     return fit(the_world, conventions, (poses, landmarks), exclusive)
 
 
 def fit(
     the_world: simulation.World,
-    conventions: graph.Conventions,
+    conventions: Conventions,
     start: robust.Estimate,
     exclusive: bool,
     widest: float = WIDEST,
@@ -190,13 +193,13 @@ def fit(
 
     Parameters
     ----------
-    sure : the factors that are not doubted; None for those of `robust.sure_factors`
+    sure : the factors that are not doubted; None for those of `factors.sure_factors`
 
     Source: Dempster, Laird, Rubin, JRSS B 39, 1977; soft association in SLAM: Bowman et al.,
     ICRA 2017; annealing: Ueda, Nakano, Neural Networks 11, 1998.
     """
     poses, landmarks = start[0].copy(), start[1].copy()
-    sure = sure or robust.sure_factors(the_world, conventions, landmarks)
+    sure = sure or sure_factors(the_world, conventions, landmarks)
     p, width = 0.5, widest
     for _ in range(ITERATIONS):
         weights = responsibilities(the_world, poses, landmarks, p, width, exclusive)
@@ -261,7 +264,7 @@ def _weighted(
     sigma = width * the_world.scenario.range_sigma
     for m, k in np.argwhere(weights[:, :-1] > NEGLIGIBLE):
         t, distance = int(the_world.pose_of[m]), the_world.ranges[m]
-        factors.push_back(graph.range_factor(t, k, distance, sigma / np.sqrt(weights[m, k])))
+        factors.push_back(range_factor(t, k, distance, sigma / np.sqrt(weights[m, k])))
     return factors
 
 
@@ -269,9 +272,9 @@ def _optimise(
     factors: gtsam.NonlinearFactorGraph, poses: np.ndarray, landmarks: np.ndarray
 ) -> robust.Estimate:
     params = gtsam.LevenbergMarquardtParams.CeresDefaults()
-    values = robust.values_of(poses, landmarks)
+    values = solution.values_of(poses, landmarks)
     result = gtsam.LevenbergMarquardtOptimizer(factors, values, params).optimize()
-    return graph.poses_of(result, len(poses)), graph.landmarks_of(result, len(landmarks))
+    return solution.poses_of(result, len(poses)), solution.landmarks_of(result, len(landmarks))
 
 
 def position_covariances(
@@ -294,7 +297,7 @@ def position_covariances(
     for key in [*(X(t) for t in range(len(poses))), *(L(int(k)) for k in present)]:
         ordering.push_back(key)
     factors = _weighted(sure, the_world, weights, 1.0)
-    jacobian, _ = factors.linearize(robust.values_of(poses, landmarks)).jacobian(ordering)
+    jacobian, _ = factors.linearize(solution.values_of(poses, landmarks)).jacobian(ordering)
     complete = jacobian.T @ jacobian
     missing = _missing_information(the_world, poses, landmarks, present, weights)
     if missing.any():

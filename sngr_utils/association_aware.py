@@ -8,17 +8,9 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import (
-    estimators,
-    graph,
-    online,
-    online_study,
-    online_tables,
-    place,
-    report,
-    windows,
-)
+from sngr_utils import estimators, online, online_study, online_tables, place, report, windows
 from sngr_utils.settings import Positive, Probability, Seed
+from sngr_utils.slam import conventions
 from sngr_utils.world import dead_reckoning, simulation
 from sngr_utils.world.scenario import ManyWorlds
 
@@ -73,7 +65,7 @@ def run(config: Config) -> pd.DataFrame:
     -------
     the tables of `estimators.compare` and `online_study.run_variants` with the column ratio
     """
-    given = config.scenario, graph.PRESETS[READING]
+    given = config.scenario, conventions.PRESETS[READING]
     seeds = config.seeds(config.n_seeds)
     others = [p for p in config.p_levels if p not in config.p_peers]
     tables = [estimators.compare(*given, config.p_peers, seeds, jobs=config.jobs)]
@@ -88,7 +80,7 @@ def run(config: Config) -> pd.DataFrame:
 
 def run_ablation(config: Config) -> pd.DataFrame:
     """Every part switched off by itself, with (column nets) and without the safety nets of EM."""
-    given = config.scenario, graph.PRESETS[READING]
+    given = config.scenario, conventions.PRESETS[READING]
     levels, seeds = config.p_ablation, config.seeds(config.n_ablation)
     tables = [
         online_study.run_variants(
@@ -103,7 +95,7 @@ def run_ablation(config: Config) -> pd.DataFrame:
 def run_slips(config: Config) -> pd.DataFrame:
     """Worlds where the odometry slips."""
     runs = online_study.run_slips(
-        config.scenario, graph.PRESETS[READING], config.p_slip, config.slip_steps,
+        config.scenario, conventions.PRESETS[READING], config.p_slip, config.slip_steps,
         config.slip_sigma, config.seeds(config.n_slip), config.jobs,
     )  # fmt: skip
     return estimators.relative_to_oracle(runs)
@@ -117,7 +109,7 @@ def _filmed(config: Config) -> simulation.World:
 def film(config: Config) -> list[online_study.Frame]:
     """The run of the first world, stopped at `FRAMES`."""
     at = [t for t in FRAMES if t < config.n_poses]
-    return online_study.film(_filmed(config), graph.PRESETS[READING], at, config.first_seed)
+    return online_study.film(_filmed(config), conventions.PRESETS[READING], at, config.first_seed)
 
 
 def few_poses(config: Config) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, float]]:
@@ -157,7 +149,7 @@ def future_is_unknown(config: Config) -> bool:
     for ranges in (the_world.ranges, spoilt):
         changed = replace(the_world, ranges=ranges)
         rng = np.random.default_rng(config.first_seed)
-        found = online.run(changed, graph.PRESETS[READING], online.Settings(), rng=rng)
+        found = online.run(changed, conventions.PRESETS[READING], online.Settings(), rng=rng)
         pasts.append(found.filtered[: middle + 1])
     return bool(np.array_equal(*pasts))
 

@@ -12,7 +12,6 @@ from pydantic import Field, model_validator
 from sngr_utils import (
     corrected,
     estimators,
-    graph,
     nested,
     refine,
     refined_sweep,
@@ -25,6 +24,8 @@ from sngr_utils import (
 from sngr_utils.baseline import run_baseline
 from sngr_utils.metrics import cluster_bootstrap, precision_recall, standard_error, summaries
 from sngr_utils.settings import Positive, Probability
+from sngr_utils.slam import levenberg_marquardt
+from sngr_utils.slam.conventions import PRESETS
 from sngr_utils.world.scenario import ManyWorlds
 
 Levels = Annotated[list[Probability], Field(min_length=1)]
@@ -83,14 +84,14 @@ def run_sweep(config: Config) -> sweeps.Sweep:
     """iSAM2 and the trigger on all worlds, under all presets, at all thresholds."""
     seeds = config.seeds(config.n_seeds)
     return sweeps.run_sweep(
-        config.scenario, graph.PRESETS, config.p_levels, seeds, config.taus, config.jobs
+        config.scenario, PRESETS, config.p_levels, seeds, config.taus, config.jobs
     )
 
 
 def run_refined(config: Config) -> pd.DataFrame:
     """SNGR as the paper has it on all worlds, under all presets."""
     return refined_sweep.run_sweep(
-        config.scenario, graph.PRESETS, config.p_refined, config.seeds(config.n_seeds),
+        config.scenario, PRESETS, config.p_refined, config.seeds(config.n_seeds),
         tau=config.tau_refined, jobs=config.jobs,
     )  # fmt: skip
 
@@ -98,7 +99,7 @@ def run_refined(config: Config) -> pd.DataFrame:
 def run_corrected(config: Config) -> pd.DataFrame:
     """SNGR, and corrected SNGR in both versions, on the same worlds and windows."""
     return refined_sweep.run_sweep(
-        config.scenario, graph.PRESETS, config.p_corrected, config.seeds(config.n_corrected),
+        config.scenario, PRESETS, config.p_corrected, config.seeds(config.n_corrected),
         refined_sweep.VARIANTS, config.tau_refined, config.jobs,
     )  # fmt: skip
 
@@ -106,7 +107,7 @@ def run_corrected(config: Config) -> pd.DataFrame:
 def run_robust(config: Config) -> pd.DataFrame:
     """Dead reckoning, robust losses and the oracle on the same worlds."""
     return estimators.compare(
-        config.scenario, graph.PRESETS[READING], config.p_robust, config.seeds(config.n_robust),
+        config.scenario, PRESETS[READING], config.p_robust, config.seeds(config.n_robust),
         ROBUST, list(estimators.STARTS), jobs=config.jobs,
     )  # fmt: skip
 
@@ -116,7 +117,7 @@ def run_nees(config: Config) -> pd.DataFrame:
     seeds = config.seeds(config.n_seeds)
     tables = [
         sweeps.nees_variants(config.scenario, conventions, seeds, config.jobs).assign(preset=name)
-        for name, conventions in graph.PRESETS.items()
+        for name, conventions in PRESETS.items()
     ]
     return pd.concat(tables, ignore_index=True)
 
@@ -147,7 +148,7 @@ def run_windows(config: Config) -> WindowStudies:
     """All experiments window by window, world by world."""
     done = joblib.Parallel(n_jobs=config.jobs)(
         joblib.delayed(_study)(config, preset, seed)
-        for preset in graph.PRESETS
+        for preset in PRESETS
         for seed in config.seeds(config.n_windows)
     )
     return WindowStudies(*(pd.concat(tables, ignore_index=True) for tables in zip(*done)))  # noqa: B905
@@ -155,12 +156,12 @@ def run_windows(config: Config) -> WindowStudies:
 
 def _study(config: Config, preset: str, seed: int) -> list[pd.DataFrame]:
     """The six tables of one world."""
-    base = run_baseline(config.scenario, graph.PRESETS[preset], config.p_windows, seed)
+    base = run_baseline(config.scenario, PRESETS[preset], config.p_windows, seed)
     rng = np.random.default_rng([seed, 6])
     sampler = nested.SamplerSettings(min_walks=50)
     n = len(base.covariances)
     some = list(range(windows.FIRST_ELIGIBLE, n, max(1, n // 5)))
-    settled = corrected.converge(base.solution)
+    settled = levenberg_marquardt.converge(base.solution)
     covariances = windows.covariances(settled)
     at_rest = replace(base, solution=settled, covariances=covariances)
     checks, laplace = [], []
@@ -190,14 +191,14 @@ def run_gaussian_ess(config: Config) -> pd.DataFrame:
     """ESS share of an exact Gaussian in the place of one window of every world."""
     rows = joblib.Parallel(n_jobs=config.jobs)(
         joblib.delayed(_gaussian_ess)(config, preset, seed)
-        for preset in graph.PRESETS
+        for preset in PRESETS
         for seed in config.seeds(config.n_seeds)
     )
     return pd.DataFrame(rows, columns=["preset", "seed", "ess_share"])
 
 
 def _gaussian_ess(config: Config, preset: str, seed: int) -> tuple[str, int, float]:
-    base = run_baseline(config.scenario, graph.PRESETS[preset], config.p_windows, seed)
+    base = run_baseline(config.scenario, PRESETS[preset], config.p_windows, seed)
     middle = len(base.covariances) // 2
     table = sampler_audit.ess_shares(
         base, [middle], nested.SamplerSettings(min_walks=50), (1.0,),
@@ -210,14 +211,14 @@ def noop_readings(config: Config) -> pd.DataFrame:
     """Mean log weight of the no-op sampler by reading, averaged over windows, per world."""
     rows = joblib.Parallel(n_jobs=config.jobs)(
         joblib.delayed(_noop)(config, preset, seed)
-        for preset in graph.PRESETS
+        for preset in PRESETS
         for seed in config.seeds(config.n_robust)
     )
     return pd.concat(rows, ignore_index=True)
 
 
 def _noop(config: Config, preset: str, seed: int) -> pd.DataFrame:
-    base = run_baseline(config.scenario, graph.PRESETS[preset], NOOP_P, seed)
+    base = run_baseline(config.scenario, PRESETS[preset], NOOP_P, seed)
     table = sampler_audit.noop_readings(
         base, config.tau_refined, refine.TriggerOnly(), rng=np.random.default_rng([seed, 8])
     )

@@ -4,8 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sngr_utils import graph, windows
+from sngr_utils import windows
 from sngr_utils.metrics import precision_recall, rmse_and_nees
+from sngr_utils.slam import isam2, marginals
+from sngr_utils.slam.conventions import Conventions
+from sngr_utils.slam.solution import Solution
 from sngr_utils.world import simulation
 from sngr_utils.world.scenario import Scenario
 
@@ -29,7 +32,7 @@ class Baseline:
     p: float
     seed: int
     world: simulation.World
-    solution: graph.Solution
+    solution: Solution
     position_errors: np.ndarray
     covariances: np.ndarray
     scores: np.ndarray
@@ -56,12 +59,10 @@ class Baseline:
         return precision_recall.detection(self.fired(tau), self.failed)
 
 
-def run_baseline(
-    scenario: Scenario, conventions: graph.Conventions, p: float, seed: int
-) -> Baseline:
+def run_baseline(scenario: Scenario, conventions: Conventions, p: float, seed: int) -> Baseline:
     """Simulate the world of `seed`, run iSAM2, score and judge every window."""
     the_world = simulation.simulate(scenario, p, rng=np.random.default_rng(seed))
-    solution = graph.run_isam2(the_world, conventions)
+    solution = isam2.run_isam2(the_world, conventions)
     errors = solution.poses[:, :2] - the_world.poses[:, :2]
     distances = np.hypot(errors[:, 0], errors[:, 1])
     covariances = windows.covariances(solution)
@@ -77,5 +78,5 @@ def run_baseline(
         failed=windows.failures(distances),
         pose_rmse=rmse_and_nees.rmse(solution.poses[:, :2], the_world.poses[:, :2]),
         landmark_rmse=rmse_and_nees.rmse(solution.landmarks, the_world.landmarks),
-        nees=rmse_and_nees.nees(errors, graph.position_covariances(solution, frame)),
+        nees=rmse_and_nees.nees(errors, marginals.position_covariances(solution, frame)),
     )

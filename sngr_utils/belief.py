@@ -9,8 +9,11 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
 
-from sngr_utils import chain, crediting, graph, place, robust
+from sngr_utils import crediting, place
 from sngr_utils.crediting import DROPPED, Credit
+from sngr_utils.slam import selected_inverse, solution
+from sngr_utils.slam.conventions import Conventions
+from sngr_utils.slam.factors import landmark_prior, odometry_factor, pose_prior, range_factor
 from sngr_utils.smoother import Smoother
 from sngr_utils.world.dead_reckoning import dead_reckoning
 from sngr_utils.world.simulation import World
@@ -34,7 +37,7 @@ class Belief:
     counts : what was done how often, see `online.OnlineEstimate`
     """
 
-    def __init__(self, data: World, conventions: graph.Conventions) -> None:
+    def __init__(self, data: World, conventions: Conventions) -> None:
         self.data, self.conventions, self.smoother = data, conventions, Smoother()
         self.poses = data.x0_mean[None].copy()
         self.landmarks = np.full((data.n_landmarks, 2), np.nan)
@@ -42,8 +45,8 @@ class Belief:
         self.p = P_PRIOR[0] / sum(P_PRIOR)
         self.slipped: set[int] = set()
         self.counts: Counter = Counter()
-        prior = graph.pose_prior(data.x0_mean, conventions.x0_sigmas)
-        self._update({("x0",): prior}, start=robust.values_of(self.poses, self.landmarks))
+        prior = pose_prior(data.x0_mean, conventions.x0_sigmas)
+        self._update({("x0",): prior}, start=solution.values_of(self.poses, self.landmarks))
 
     # --- the newest pose --------------------------------------------------------------------
 
@@ -75,7 +78,7 @@ class Belief:
         scenario = self.data.scenario
         if t in self.slipped:
             scenario = scenario.model_copy(update={"odometry_sigma_xy": SLIP_SIGMA})
-        return graph.odometry_factor(t, self.data.odometry[t], scenario)
+        return odometry_factor(t, self.data.odometry[t], scenario)
 
     def distrust(self, steps: list[int]) -> None:
         """Widen steps of the odometry that are in the graph."""
@@ -98,7 +101,7 @@ class Belief:
         self.credit = Credit(used, self.credit.weights)
         sigma, start = self.conventions.landmark_prior_sigma, gtsam.Values()
         start.insert(L(k), position)
-        prior = graph.landmark_prior(k, position, sigma)
+        prior = landmark_prior(k, position, sigma)
         ranges = self._ranges(np.flatnonzero(used == k))
         self._update({("landmark", k): prior, **ranges}, start=start)
 
@@ -115,15 +118,15 @@ class Belief:
         kept = {**self.smoother.named("x0"), **self.smoother.named("odometry")}
         sigma = self.conventions.landmark_prior_sigma
         for k in np.flatnonzero(np.isfinite(landmarks[:, 0])):
-            kept["landmark", k] = graph.landmark_prior(k, landmarks[k], sigma)
+            kept["landmark", k] = landmark_prior(k, landmarks[k], sigma)
         self.smoother, self.credit = Smoother(), Credit(used, self.credit.weights)
         ranges = self._ranges(np.flatnonzero(used != DROPPED))
-        self._update({**kept, **ranges}, start=robust.values_of(poses, landmarks))
+        self._update({**kept, **ranges}, start=solution.values_of(poses, landmarks))
 
     def _ranges(self, which: np.ndarray) -> dict:
         data, sigma = self.data, self.data.scenario.range_sigma
         return {
-            ("range", m): graph.range_factor(
+            ("range", m): range_factor(
                 int(data.pose_of[m]), int(self.credit.used[m]), data.ranges[m], sigma
             )
             for m in which
@@ -135,34 +138,34 @@ class Belief:
 
     def refresh(self) -> None:
         """Read the estimate from the smoother."""
-        self.poses = graph.poses_of(self.smoother.values, self.data.n_poses)
-        self.landmarks = graph.landmarks_of(self.smoother.values, self.data.n_landmarks)
+        self.poses = solution.poses_of(self.smoother.values, self.data.n_poses)
+        self.landmarks = solution.landmarks_of(self.smoother.values, self.data.n_landmarks)
 
     def sure_factors(self, landmarks: np.ndarray) -> gtsam.NonlinearFactorGraph:
         """x0 prior, odometry as far as it is trusted, weak priors on (K, 2) landmarks, [m]."""
         factors = self.smoother.factors("x0", "odometry")
         for k in np.flatnonzero(np.isfinite(landmarks[:, 0])):
             factors.push_back(
-                graph.landmark_prior(k, landmarks[k], self.conventions.landmark_prior_sigma)
+                landmark_prior(k, landmarks[k], self.conventions.landmark_prior_sigma)
             )
         return factors
 
     # --- uncertainty ------------------------------------------------------------------------
 
-    def covariance(self) -> chain.ChainCovariance:
+    def covariance(self) -> selected_inverse.ChainCovariance:
         """Covariance blocks at the estimate, also of a pose that is only predicted."""
         data, s, used = self.data, self.data.scenario, self.credit.used
         sigmas = np.tile(s.odometry_sigmas, (len(data.odometry), 1))
         sigmas[list(self.slipped), :2] = SLIP_SIGMA
         kept = used != DROPPED
-        return chain.selected_inverse(
+        return selected_inverse.selected_inverse(
             self.poses, self.landmarks, data.odometry, data.pose_of[kept], used[kept],
             x0_mean=data.x0_mean, x0_sigmas=self.conventions.x0_sigmas, odometry_sigmas=sigmas,
             landmark_prior_sigma=self.conventions.landmark_prior_sigma,
             range_sigma=s.range_sigma,
         )  # fmt: skip
 
-    def innovations(self, covariance: chain.ChainCovariance) -> crediting.Innovations:
+    def innovations(self, covariance: selected_inverse.ChainCovariance) -> crediting.Innovations:
         """Innovations of all ranges at the estimate that has `covariance`."""
         return crediting.innovations(
             self.data, self.poses, self.landmarks, self.credit.used, covariance
@@ -176,7 +179,7 @@ class Belief:
         exact = crediting.exact(self.data, poses, landmarks)
         fit = np.logaddexp.reduce(crediting.log_weights(self.data, exact, self.p), axis=1)
         sure = self.smoother.factors("x0", "odometry")
-        return sure.error(robust.values_of(poses, landmarks)) - float(fit.sum())
+        return sure.error(solution.values_of(poses, landmarks)) - float(fit.sum())
 
     def credit_fitting(
         self, m: np.ndarray, k: np.ndarray, mode: place.Mode, evidence: place.Evidence

@@ -11,11 +11,16 @@ import pandas as pd
 from gtsam.symbol_shorthand import L
 from pydantic import Field
 
-from sngr_utils import chain, compiled, engines, importance, nested, refine, report, robust, windows
+from sngr_utils import compiled, engines, importance, nested, refine, report, robust, windows
 from sngr_utils.baseline import Baseline
-from sngr_utils.graph import Conventions, Solution, joint_covariance, marginals, run_isam2
 from sngr_utils.metrics import standard_error
 from sngr_utils.settings import Checked, Probability
+from sngr_utils.slam import selected_inverse
+from sngr_utils.slam.conventions import Conventions
+from sngr_utils.slam.factors import sure_factors
+from sngr_utils.slam.isam2 import run_isam2
+from sngr_utils.slam.marginals import gtsam_marginals, joint_covariance
+from sngr_utils.slam.solution import Solution, values_of
 from sngr_utils.world.scenario import Scenario
 from sngr_utils.world.simulation import World, simulate
 
@@ -400,7 +405,7 @@ def _works(the_world: World, conventions: Conventions) -> dict[str, Callable[[],
         some = spread_evenly(min(SAMPLED_WINDOWS, n), n)
         each = [
             best(lambda t=t: joint_covariance(
-                marginals(solution), windows.window_keys(t)), 1)
+                gtsam_marginals(solution), windows.window_keys(t)), 1)
             for t in some
         ]  # fmt: skip
         return n * float(np.mean(each))
@@ -427,7 +432,7 @@ def _works(the_world: World, conventions: Conventions) -> dict[str, Callable[[],
 def selected_inverse_at_truth(the_world: World, conventions: Conventions) -> np.ndarray:
     """(T-2, 9, 9) window marginals of the whole graph, linearised at the truth."""
     s = the_world.scenario
-    return chain.selected_inverse(
+    return selected_inverse.selected_inverse(
         the_world.poses, the_world.landmarks, the_world.odometry, the_world.pose_of,
         the_world.label_of, x0_mean=the_world.x0_mean, x0_sigmas=conventions.x0_sigmas,
         odometry_sigmas=s.odometry_sigmas,
@@ -437,9 +442,9 @@ def selected_inverse_at_truth(the_world: World, conventions: Conventions) -> np.
 
 def _solution_at_truth(the_world: World, conventions: Conventions) -> Solution:
     """The whole graph with the truth for its estimate; no iSAM2."""
-    factors = robust.sure_factors(the_world, conventions, the_world.landmarks)
+    factors = sure_factors(the_world, conventions, the_world.landmarks)
     factors.push_back(robust.range_factors(the_world, the_world.landmarks, "least_squares"))
-    values = robust.values_of(the_world.poses, the_world.landmarks)
+    values = values_of(the_world.poses, the_world.landmarks)
     return Solution(
         gtsam.ISAM2(), factors, values, the_world.n_poses, the_world.n_landmarks
     )  # fmt: skip
@@ -449,7 +454,7 @@ def _marginal_error(the_world: World, conventions: Conventions) -> float:
     """Largest deviation of a sample of window marginals, relative to their largest entries."""
     solution, ours = (f(the_world, conventions) for f in
                       (_solution_at_truth, selected_inverse_at_truth))  # fmt: skip
-    all_marginals = marginals(solution)
+    all_marginals = gtsam_marginals(solution)
     some = spread_evenly(min(10, len(ours)), len(ours))
     theirs = [joint_covariance(all_marginals, windows.window_keys(t)) for t in some]
     return max(

@@ -14,8 +14,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from sngr_utils import paths, printed
 from sngr_utils.contradictions import contradictions
-from sngr_utils.graph import PRESETS
 from sngr_utils.parameters import ProjectError, read_yaml
+from sngr_utils.slam.conventions import PRESETS
 
 
 class Entry(BaseModel):

@@ -9,27 +9,18 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X
 from pydantic import Field
 from scipy import stats
 
-from sngr_utils import (
-    compiled,
-    engines,
-    graph,
-    importance,
-    laplace,
-    nested,
-    posterior,
-    refine,
-    windows,
-)
+from sngr_utils import compiled, engines, importance, laplace, nested, posterior, refine, windows
 from sngr_utils.baseline import Baseline
-from sngr_utils.graph import Solution
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.settings import Checked, Positive
+from sngr_utils.slam import marginals
+from sngr_utils.slam.levenberg_marquardt import converge
+from sngr_utils.slam.solution import Solution, poses_of
 
 LONG_WALKS = 400  # steps at which the evidence has no bias that we can measure in 27 dimensions
 LAPLACE_DRAWS = 2000  # an effective thousand, where nested sampling at 100 live points has 500
@@ -47,40 +38,6 @@ class CorrectedSettings(Checked):
     separators: Literal["conditional", "marginal"] = "marginal"
     convergence: Literal["batch", "updates"] = "batch"
     proposal_scale: Positive = 4.0
-
-
-def converge(solution: Solution, how: str = "batch", updates: int = 10) -> Solution:
-    """The same factors with their estimate settled; `solution` is left as it was.
-
-    "batch" is the default. iSAM2 leaves alone what moved by less than its relinearisation
-    threshold, so no number of updates makes its gradient zero.
-
-    Parameters
-    ----------
-    how : "batch", Levenberg-Marquardt from the estimate (`isam` then stays that of the input),
-        or "updates", that many empty updates of iSAM2
-    updates : for "updates" only
-
-    Raises
-    ------
-    ValueError : unknown `how`
-    """
-    isam = gtsam.ISAM2(solution.isam)
-    if how == "updates":
-        for _ in range(updates):
-            isam.update()
-        estimate = isam.calculateEstimate()
-    elif how == "batch":
-        # GTSAM's own defaults let lambda underflow to 0, which no factor raises again: a hang
-        params = gtsam.LevenbergMarquardtParams.CeresDefaults()
-        params.setMaxIterations(1000)
-        params.setRelativeErrorTol(1e-12)
-        params.setAbsoluteErrorTol(1e-9)
-        start = solution.estimate
-        estimate = gtsam.LevenbergMarquardtOptimizer(solution.graph, start, params).optimize()
-    else:
-        raise ValueError(f"how is {how!r}: it must be 'batch' or 'updates'")
-    return Solution(isam, solution.graph, estimate, solution.n_poses, solution.n_landmarks)
 
 
 class NoiseGate(refine.Gate):
@@ -231,15 +188,15 @@ def run(
     ----------
     which : windows to refine, e.g. those the paper's trigger fires on, so that both versions
         look at the same ones
-    frame : of P in the NEES, see `graph.Conventions`
+    frame : of P in the NEES, see `conventions.Conventions`
     """
     solution = converge(base.solution, settings.convergence)
     refined = refine_windows(
         solution, which, windows.covariances(solution), settings, sampler, gate, engine, rng=rng
     )
     updated = refine.apply_updates(solution.estimate, refined)
-    truth, covariances = base.world.poses[:, :2], graph.position_covariances(solution, frame)
-    before, after = solution.poses[:, :2], graph.poses_of(updated, len(truth))[:, :2]
+    truth, covariances = base.world.poses[:, :2], marginals.position_covariances(solution, frame)
+    before, after = solution.poses[:, :2], poses_of(updated, len(truth))[:, :2]
     return CorrectedRun(
         solution,
         refined,

@@ -7,21 +7,13 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import (
-    bench,
-    chain,
-    engines,
-    graph,
-    importance,
-    nested,
-    parameters,
-    refine,
-    report,
-    windows,
-)
+from sngr_utils import bench, engines, importance, nested, parameters, refine, report, windows
 from sngr_utils.baseline import Baseline, run_baseline
 from sngr_utils.metrics import standard_error
 from sngr_utils.settings import Positive, Probability, Seed
+from sngr_utils.slam import selected_inverse
+from sngr_utils.slam.conventions import preset_conventions
+from sngr_utils.slam.isam2 import run_isam2
 from sngr_utils.world.scenario import Scenario
 
 EVERY = 3  # of the windows that do not trigger, every third is run and stands for all of them
@@ -42,7 +34,7 @@ class Config(Scenario, nested.SamplerSettings, bench.BenchSettings):
 
     @model_validator(mode="after")
     def _consistent(self):
-        graph.conventions(self.preset, self.conventions)
+        preset_conventions(self.preset, self.conventions)
         if len(set(self.p_levels)) < len(self.p_levels):
             raise ValueError(f"p_levels is {self.p_levels}: it must not repeat a value")
         return self
@@ -97,9 +89,9 @@ def run(config: Config) -> dict[float, Cost]:
 
 def run_level(config: Config, p: float) -> Cost:
     """One p. The windows' random streams are those of the full pipeline (notebook 03)."""
-    conventions = graph.conventions(config.preset, config.conventions)
+    conventions = preset_conventions(config.preset, config.conventions)
     base = run_baseline(config.part(Scenario), conventions, p, config.seed)
-    _, isam2_seconds = bench.timed(lambda: graph.run_isam2(base.world, conventions))
+    _, isam2_seconds = bench.timed(lambda: run_isam2(base.world, conventions))
     streams = np.random.default_rng([config.seed, 1]).spawn(len(base.covariances))
     fired = base.fired(config.tau)
     calls, seconds = np.full((2, len(fired)), np.nan)
@@ -120,7 +112,7 @@ def _sample(
 
 def compare_engines(config: Config) -> dict[str, bench.Performance]:
     """All engines on the same windows of one world (`bench.compare`)."""
-    conventions = graph.conventions(config.preset, config.conventions)
+    conventions = preset_conventions(config.preset, config.conventions)
     base = run_baseline(config.part(Scenario), conventions, config.bench_p, config.seed)
     settings, sizes = config.part(nested.SamplerSettings), config.part(bench.BenchSettings)
     return bench.compare(base, settings, sizes, rng=np.random.default_rng([config.seed, 4]))
@@ -128,7 +120,7 @@ def compare_engines(config: Config) -> dict[str, bench.Performance]:
 
 def likelihood_seconds(config: Config) -> float:
     """CPU time of one compiled likelihood call of a window of `compare_engines`, [s]."""
-    conventions = graph.conventions(config.preset, config.conventions)
+    conventions = preset_conventions(config.preset, config.conventions)
     base = run_baseline(config.part(Scenario), conventions, config.bench_p, config.seed)
     middle = len(base.covariances) // 2
     return bench.likelihood_seconds(base, middle, config.likelihood_factor, config.timing_calls)
@@ -161,7 +153,7 @@ def two_mode_table(*, rng: np.random.Generator, runs: int = 40) -> pd.DataFrame:
 
 def grow(config: Config) -> bench.Growth:
     """CPU time against the number of poses (`bench.growth`)."""
-    conventions = graph.conventions(config.preset, config.conventions)
+    conventions = preset_conventions(config.preset, config.conventions)
     return bench.growth(config.lengths, config.part(Scenario), conventions, config.seed)
 
 
@@ -170,11 +162,11 @@ def exhaustive_fast(config: Config) -> tuple[float, float]:
 
     The marginals are those of the selected inverse; the world is that of `compare_engines`.
     """
-    conventions = graph.conventions(config.preset, config.conventions)
+    conventions = preset_conventions(config.preset, config.conventions)
     base = run_baseline(config.part(Scenario), conventions, config.bench_p, config.seed)
 
     def refine_all():
-        covariances = chain.window_covariances(base.solution, base.world, conventions)
+        covariances = selected_inverse.window_covariances(base.solution, base.world, conventions)
         return refine.refine_windows(
             base.solution, range(len(covariances)), covariances,
             config.part(nested.SamplerSettings), refine.Gate(), "fast",
@@ -182,7 +174,7 @@ def exhaustive_fast(config: Config) -> tuple[float, float]:
         )  # fmt: skip
 
     refine_all()  # compile, or load what was compiled
-    _, isam2_seconds = bench.timed(lambda: graph.run_isam2(base.world, conventions))
+    _, isam2_seconds = bench.timed(lambda: run_isam2(base.world, conventions))
     return bench.timed(refine_all)[1], isam2_seconds
 
 
@@ -257,7 +249,7 @@ def middle_window(costs: dict[float, Cost]) -> int:
 
 def single_window(config: Config, t: int) -> nested.NestedRun:
     """The nested sampling run of window t at the first p, for settings other than the paper's."""
-    conventions = graph.conventions(config.preset, config.conventions)
+    conventions = preset_conventions(config.preset, config.conventions)
     base = run_baseline(config.part(Scenario), conventions, config.p_levels[0], config.seed)
     rng = np.random.default_rng([config.seed, 1]).spawn(len(base.covariances))[t]
     return _sample(config, base, t, rng)

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special, stats
 
-from sngr_utils import association, chain
+from sngr_utils import association
+from sngr_utils.slam import selected_inverse
 from sngr_utils.world.simulation import World
 
 GATE = stats.chi2.ppf(0.99, 1)  # squared normalised innovation that puts a range in question
@@ -68,7 +69,7 @@ def exact(data: World, poses: np.ndarray, landmarks: np.ndarray) -> Innovations:
 
 def innovations(
     data: World, poses: np.ndarray, landmarks: np.ndarray, used: np.ndarray,
-    covariance: chain.ChainCovariance,
+    covariance: selected_inverse.ChainCovariance,
 ) -> Innovations:  # fmt: skip
     """Innovations of all ranges, those that are in the graph predicted without themselves.
 

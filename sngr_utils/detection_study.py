@@ -11,17 +11,10 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from sngr_utils import (
-    association,
-    calibration,
-    chain,
-    corrected,
-    detectors,
-    graph,
-    leverage,
-    robust,
-    windows,
-)
+from sngr_utils import association, calibration, detectors, leverage, robust, windows
+from sngr_utils.slam import isam2, levenberg_marquardt, selected_inverse
+from sngr_utils.slam.conventions import PRESETS, Conventions
+from sngr_utils.slam.solution import Solution
 from sngr_utils.world import simulation, variations
 from sngr_utils.world.scenario import Scenario
 
@@ -72,19 +65,19 @@ class Case:
 
 
 def scores(
-    the_world: simulation.World, conventions: graph.Conventions, solution: graph.Solution
+    the_world: simulation.World, conventions: Conventions, solution: Solution
 ) -> pd.DataFrame:
     """One row per window, a column per score of `detectors.SCORES` except "either".
 
     And "naive": the robust chi-square as if no range had leverage.
     """
-    plain = chain.covariance(solution, the_world, conventions)
+    plain = selected_inverse.covariance(solution, the_world, conventions)
     poses, landmarks = solution.poses, solution.landmarks
     robust_estimate = association.estimate(the_world, conventions, "grid", exclusive=True)
     reference = robust_estimate.poses, robust_estimate.landmarks
     own = robust_estimate.responsibilities[np.arange(len(the_world.ranges)), the_world.label_of]
-    trusted = chain.covariance_at(*reference, the_world.keep(own > TRUSTED), conventions)
-    null = chain.covariance_at(*reference, the_world, conventions)  # all labels right
+    trusted = selected_inverse.covariance_at(*reference, the_world.keep(own > TRUSTED), conventions)
+    null = selected_inverse.covariance_at(*reference, the_world, conventions)  # all labels right
     robust_test = leverage.chi_square(the_world, *reference, null)
     return pd.DataFrame({
         "condition": detectors.condition_number(plain.windows),
@@ -105,9 +98,7 @@ def wrong_labels(the_world: simulation.World) -> np.ndarray:
     return np.convolve(per_pose, np.ones(windows.WIDTH, dtype=int), mode="valid")
 
 
-def window_rows(
-    case: Case, paper: Scenario, conventions: graph.Conventions, seed: int
-) -> pd.DataFrame:
+def window_rows(case: Case, paper: Scenario, conventions: Conventions, seed: int) -> pd.DataFrame:
     """Scores and truth of the windows of one world that may fire.
 
     Returns
@@ -117,7 +108,7 @@ def window_rows(
     estimate that knows all labels, which no detector has)
     """
     the_world = case.draw(paper, seed)
-    solution = graph.run_isam2(the_world, conventions)
+    solution = isam2.run_isam2(the_world, conventions)
     table = scores(the_world, conventions, solution)
     oracle = np.full_like(solution.poses, np.nan)
     if case.scenario == "paper":
@@ -137,7 +128,7 @@ def window_rows(
 def run(
     cases: Sequence[Case],
     paper: Scenario,
-    conventions: graph.Conventions,
+    conventions: Conventions,
     seeds: Sequence[int],
     jobs: int,
 ) -> pd.DataFrame:
@@ -184,10 +175,10 @@ def null_rates(
 
 
 def _null_rates(case: Case, paper: Scenario, preset: str, seed: int, alpha: float) -> list[tuple]:
-    the_world, conventions = case.draw(paper, seed), graph.PRESETS[preset]
-    solution, rows = graph.run_isam2(the_world, conventions), []
-    for name, found in (("iSAM2", solution), ("settled", corrected.converge(solution))):
-        covariance = chain.covariance(found, the_world, conventions)
+    the_world, conventions = case.draw(paper, seed), PRESETS[preset]
+    solution, rows = isam2.run_isam2(the_world, conventions), []
+    for name, found in (("iSAM2", solution), ("settled", levenberg_marquardt.converge(solution))):
+        covariance = selected_inverse.covariance(found, the_world, conventions)
         test = leverage.chi_square(the_world, found.poses, found.landmarks, covariance)
         fired = test.surprise[windows.FIRST_ELIGIBLE :] > -np.log10(alpha)
         rows.append((case.scenario, preset, seed, name, float(fired.mean())))

@@ -7,7 +7,7 @@ The chi-square of the ranges is in `leverage`.
 import numpy as np
 
 from sngr_utils import mirror, windows
-from sngr_utils.chain import ChainCovariance
+from sngr_utils.slam.selected_inverse import ChainCovariance
 from sngr_utils.windows import WIDTH, n_windows
 from sngr_utils.world.simulation import World
 

@@ -14,10 +14,8 @@ import pandas as pd
 
 from sngr_utils import (
     association,
-    chain,
     engines,
     fastslam,
-    graph,
     mixtures,
     nested,
     refine,
@@ -26,10 +24,13 @@ from sngr_utils import (
     windows,
 )
 from sngr_utils.metrics import rmse_and_nees, summaries
+from sngr_utils.slam import isam2, landmark_starts, marginals, selected_inverse
+from sngr_utils.slam.conventions import Conventions
+from sngr_utils.slam.solution import poses_of
 from sngr_utils.world import dead_reckoning, simulation
 from sngr_utils.world.scenario import Scenario
 
-STARTS = robust.STARTS
+STARTS = landmark_starts.STARTS
 METHODS = {
     "dead_reckoning": "odometry alone, no ranges",
     "isam2": "incremental, as in the paper (Kaess et al., IJRR 2012)",
@@ -75,7 +76,7 @@ class Estimate:
 
 def estimate(
     the_world: simulation.World,
-    conventions: graph.Conventions,
+    conventions: Conventions,
     method: str,
     start: str,
     particles: fastslam.Settings = PARTICLES,
@@ -110,7 +111,7 @@ def _require_known(methods: Sequence[str], starts: Sequence[str]) -> None:
 
 def _from(
     the_world: simulation.World,
-    conventions: graph.Conventions,
+    conventions: Conventions,
     method: str,
     start: robust.Estimate,
     particles: fastslam.Settings,
@@ -127,7 +128,7 @@ def _from(
     if method == "sngr":
         return _sngr(the_world, conventions, rng)
     if method == "isam2":
-        solution = graph.run_isam2(the_world, conventions)
+        solution = isam2.run_isam2(the_world, conventions)
     elif method == "switchable":
         solution = switchable.solve(the_world, conventions, start)
     elif method.startswith("max_mixture_"):
@@ -136,31 +137,31 @@ def _from(
     else:  # without a landmark, least squares is dead reckoning
         loss = "least_squares" if method in ("dead_reckoning", "oracle") else method
         solution = robust.solve(the_world, conventions, loss, start)
-    covariances = graph.position_covariances(solution, "world")
+    covariances = marginals.position_covariances(solution, "world")
     return Estimate(solution.poses, solution.landmarks, covariances)
 
 
 def _sngr(
-    the_world: simulation.World, conventions: graph.Conventions, rng: np.random.Generator
+    the_world: simulation.World, conventions: Conventions, rng: np.random.Generator
 ) -> Estimate:
     """The paper's Algorithm 1. Its windows are nearly Gaussian: the fast path samples them.
 
     It hands those on to nested sampling that it cannot be trusted with (`engines`).
     """
-    solution = graph.run_isam2(the_world, conventions)
-    covariance = chain.window_covariances(solution, the_world, conventions)
+    solution = isam2.run_isam2(the_world, conventions)
+    covariance = selected_inverse.window_covariances(solution, the_world, conventions)
     fired = windows.triggers(np.array([windows.score(block) for block in covariance]), TAU)
     settings = nested.SamplerSettings(min_walks=engines.ENOUGH_WALKS)
     refined = refine.refine_windows(
         solution, np.flatnonzero(fired), covariance, settings, refine.Gate(), "fast", rng=rng
     )
-    poses = graph.poses_of(refine.apply_updates(solution.estimate, refined), the_world.n_poses)
-    covariances = graph.position_covariances(solution, "world")
+    poses = poses_of(refine.apply_updates(solution.estimate, refined), the_world.n_poses)
+    covariances = marginals.position_covariances(solution, "world")
     return Estimate(poses, solution.landmarks, covariances)
 
 
 def expected_nees(
-    the_world: simulation.World, conventions: graph.Conventions, poses: np.ndarray, covariances
+    the_world: simulation.World, conventions: Conventions, poses: np.ndarray, covariances
 ) -> float:
     """NEES of positions, expected over a drawn mean of the x0 prior; 2 if consistent.
 
@@ -183,7 +184,7 @@ def expected_nees(
 
 def compare(
     scenario: Scenario,
-    conventions: graph.Conventions,
+    conventions: Conventions,
     p_levels: Sequence[float],
     seeds: Sequence[int],
     methods: Sequence[str] = tuple(METHODS),
@@ -215,7 +216,7 @@ def compare(
 
 def _compare_one(
     scenario: Scenario,
-    conventions: graph.Conventions,
+    conventions: Conventions,
     p: float,
     seed: int,
     methods: Sequence[str],
@@ -246,11 +247,16 @@ def _pairs(
         if method in WITHOUT_START:
             yield method, "none", the_world, (poses, nowhere)
     for start in starts:
-        landmarks = robust.start_landmarks(the_world, poses, start)
+        landmarks = landmark_starts.start_landmarks(the_world, poses, start)
         for method in methods:
             if method == "oracle":
                 true = replace(the_world, label_of=the_world.source_of)
-                yield method, start, true, (poses, robust.start_landmarks(true, poses, start))
+                yield (
+                    method,
+                    start,
+                    true,
+                    (poses, landmark_starts.start_landmarks(true, poses, start)),
+                )
             elif method not in WITHOUT_START:
                 yield method, start, the_world, (poses, landmarks)
 

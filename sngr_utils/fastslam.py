@@ -15,8 +15,10 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from sngr_utils import graph, particles
+from sngr_utils import particles
 from sngr_utils.settings import Checked, Probability
+from sngr_utils.slam import landmark_starts
+from sngr_utils.slam.conventions import Conventions
 from sngr_utils.world import dead_reckoning, simulation
 
 
@@ -29,7 +31,7 @@ class Settings(Checked):
     """
 
     n_particles: Annotated[int, Field(ge=2)] = 300
-    start_after: Annotated[int, Field(ge=graph.START_AFTER)] = 8
+    start_after: Annotated[int, Field(ge=landmark_starts.START_AFTER)] = 8
     n_hypotheses: Annotated[int, Field(ge=1)] = 4
     resample_below: Probability = 0.5
 
@@ -80,7 +82,7 @@ class Particles:
 
 def run(
     the_world: simulation.World,
-    conventions: graph.Conventions,
+    conventions: Conventions,
     settings: Settings,
     *,
     rng: np.random.Generator,

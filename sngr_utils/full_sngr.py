@@ -8,10 +8,13 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import engines, graph, nested, refine, report, windows
+from sngr_utils import engines, nested, refine, report, windows
 from sngr_utils.baseline import Baseline, run_baseline
 from sngr_utils.metrics import rmse_and_nees, standard_error
 from sngr_utils.settings import Positive, Probability, Seed
+from sngr_utils.slam import marginals
+from sngr_utils.slam.conventions import PRESETS, preset_conventions
+from sngr_utils.slam.solution import pose_vector, poses_of
 from sngr_utils.world import dead_reckoning
 from sngr_utils.world.scenario import Scenario
 
@@ -36,7 +39,7 @@ class Config(
 
     @model_validator(mode="after")
     def _consistent(self):
-        graph.conventions(self.preset, self.conventions)
+        preset_conventions(self.preset, self.conventions)
         for name in ("p_diagnosed", "p_noop"):
             if getattr(self, name) not in self.p_levels:
                 raise ValueError(f"{name} is {getattr(self, name)}: it must be one of p_levels")
@@ -103,12 +106,12 @@ def run(config: Config) -> dict[float, Refinement]:
 
 def run_level(config: Config, p: float) -> Refinement:
     """SNGR at one p. The sampler's stream depends on the seed, not on p or the other levels."""
-    conventions = graph.conventions(config.preset, config.conventions)
+    conventions = preset_conventions(config.preset, config.conventions)
     base = run_baseline(config.part(Scenario), conventions, p, config.seed)
     refined = _refine(config, base, np.flatnonzero(base.fired(config.tau)))
     updated = refine.apply_updates(base.solution.estimate, refined)
-    poses, true = graph.poses_of(updated, base.world.n_poses), base.world.poses
-    covariances = graph.position_covariances(base.solution, conventions.nees_frame)
+    poses, true = poses_of(updated, base.world.n_poses), base.world.poses
+    covariances = marginals.position_covariances(base.solution, conventions.nees_frame)
     dead = dead_reckoning.dead_reckoning(true[0], base.world.odometry)
     return Refinement(
         baseline=base,
@@ -140,7 +143,7 @@ def run_presets(config: Config, levels: dict[float, Refinement]) -> dict[str, Re
     levels : what `run` gave, of which one preset's level is a part
     """
     p, runs = config.p_diagnosed, {}
-    for preset in graph.PRESETS:
+    for preset in PRESETS:
         other = config.model_copy(update={"preset": preset, "conventions": {}})
         runs[preset] = levels[p] if other == config else run_level(other, p)
     return runs
@@ -190,7 +193,7 @@ def window_positions(
     drawn = rng.choice(window.run.samples, size=n, p=window.run.weights)
 
     def positions(poses):
-        return np.array([graph.pose_vector(pose)[:2] for pose in poses])
+        return np.array([pose_vector(pose)[:2] for pose in poses])
 
     part = slice(window.t, window.t + windows.WIDTH)
     return (

@@ -7,9 +7,10 @@ landmark on weights that are not sound, nested sampling is the referee.
 
 import numpy as np
 
-from sngr_utils import association, graph, place
+from sngr_utils import association, place
 from sngr_utils.belief import Belief
 from sngr_utils.crediting import DROPPED
+from sngr_utils.slam import landmark_starts
 
 POSES_NEEDED = 4  # with three of a short arc, the mirror image is always there
 LIKELY = 0.2  # probability that makes a range a witness of a landmark that waits
@@ -28,7 +29,9 @@ def start_landmarks(
     delayed : wait until one mode holds the posterior; else start as the paper does
     """
     for k in np.flatnonzero(np.isnan(belief.landmarks[:, 0])):
-        mine, evidence = witnesses(belief, k, POSES_NEEDED if delayed else graph.START_AFTER)
+        mine, evidence = witnesses(
+            belief, k, POSES_NEEDED if delayed else landmark_starts.START_AFTER
+        )
         # a posterior changes when there is something new to see
         if evidence is None or belief.data.pose_of[mine].max() < belief.data.n_poses - 1:
             continue
@@ -55,10 +58,10 @@ def _locate(
 
 
 def _first_poses(evidence: place.Evidence) -> place.Mode | None:
-    """Least squares on the ranges of the first three poses, as `graph.run_isam2` starts it."""
+    """Least squares on the ranges of the first three poses, as `isam2.run_isam2` starts it."""
     _, first = np.unique(evidence.anchors, axis=0, return_index=True)
-    few = np.sort(first)[: graph.START_AFTER]
-    position = graph.start_landmark(evidence.anchors[few], evidence.ranges[few])
+    few = np.sort(first)[: landmark_starts.START_AFTER]
+    position = landmark_starts.start_landmark(evidence.anchors[few], evidence.ranges[few])
     return place.Mode(position, np.eye(2), 1.0) if np.isfinite(position).all() else None
 
 

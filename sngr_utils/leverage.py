@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special, stats
 
-from sngr_utils.chain import ChainCovariance
+from sngr_utils.slam.selected_inverse import ChainCovariance
 from sngr_utils.windows import WIDTH, n_windows
 from sngr_utils.world.simulation import World
 

@@ -11,7 +11,11 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
 
-from sngr_utils import graph, robust
+from sngr_utils import robust
+from sngr_utils.slam import levenberg_marquardt
+from sngr_utils.slam.conventions import Conventions
+from sngr_utils.slam.factors import sure_factors
+from sngr_utils.slam.solution import Solution, values_of
 from sngr_utils.world import simulation
 
 COMPONENTS = {
@@ -26,10 +30,10 @@ Choice = tuple[np.ndarray, np.ndarray]  # (M,) landmark and (M,) sigma [m] of ea
 
 def solve(
     the_world: simulation.World,
-    conventions: graph.Conventions,
+    conventions: Conventions,
     start: robust.Estimate,
     components: str,
-) -> graph.Solution:
+) -> Solution:
     """Alternate the choice of components and Levenberg-Marquardt until the choice stays.
 
     Parameters
@@ -49,9 +53,9 @@ def solve(
         raise ValueError(f"components is {components!r}: it must be one of {sorted(COMPONENTS)}")
     choose: Callable = choose_null if components == "null" else choose_landmark
     poses, landmarks = start
-    sure = robust.sure_factors(the_world, conventions, landmarks)
-    values = robust.values_of(poses, landmarks)
-    solution = graph.Solution(None, sure, values, the_world.n_poses, the_world.n_landmarks)
+    sure = sure_factors(the_world, conventions, landmarks)
+    values = values_of(poses, landmarks)
+    solution = Solution(None, sure, values, the_world.n_poses, the_world.n_landmarks)
     chosen = None
     for _ in range(MAX_ROUNDS):
         previous, chosen = chosen, choose(the_world, solution.poses, solution.landmarks)
@@ -59,8 +63,8 @@ def solve(
             break
         factors = gtsam.NonlinearFactorGraph(sure)
         factors.push_back(_chosen_ranges(the_world, *chosen))
-        result = robust.levenberg_marquardt(factors, solution.estimate)
-        solution = graph.Solution(None, factors, result, the_world.n_poses, the_world.n_landmarks)
+        result = levenberg_marquardt.levenberg_marquardt(factors, solution.estimate)
+        solution = Solution(None, factors, result, the_world.n_poses, the_world.n_landmarks)
     return solution
 
 

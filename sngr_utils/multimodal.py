@@ -8,15 +8,16 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import ancestral, brute_force, chain, contest, graph, many_starts, nested, windows
+from sngr_utils import ancestral, brute_force, contest, many_starts, nested, windows
 from sngr_utils.landmark_target import Landmark, landmark_of
 from sngr_utils.mirror import mirror_test
 from sngr_utils.settings import Positive, Probability, Seed
+from sngr_utils.slam import conventions, selected_inverse
 from sngr_utils.window_target import Window, window_of
 from sngr_utils.world import dead_reckoning, simulation, variations
 from sngr_utils.world.scenario import ManyWorlds, Scenario
 
-PRESET = graph.PRESETS["C"]
+PRESET = conventions.PRESETS["C"]
 SECOND_MASS = 0.05  # of the second mode, from which there are two
 MASS_TARGET = 0.05  # error of a mode's mass that is small enough
 WINDOW_POSES = windows.WIDTH
@@ -180,7 +181,7 @@ def _window_score(config: Config, seed: int, n: int, landmarks: np.ndarray) -> f
     part = config.world(seed).first(n)
     s = part.scenario
     return windows.score(
-        chain.selected_inverse(
+        selected_inverse.selected_inverse(
             dead_reckoning.dead_reckoning(part.x0_mean, part.odometry), landmarks, part.odometry,
             part.pose_of, part.label_of, x0_mean=part.x0_mean, x0_sigmas=PRESET.x0_sigmas,
             odometry_sigmas=s.odometry_sigmas,

@@ -13,10 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sngr_utils import association, crediting, graph, landmark_start, odometry_doubt, robust
+from sngr_utils import association, crediting, landmark_start, odometry_doubt
 from sngr_utils.belief import P_PRIOR, SURE, Belief
 from sngr_utils.crediting import DROPPED
 from sngr_utils.settings import Checked, Probability
+from sngr_utils.slam import landmark_starts
+from sngr_utils.slam.conventions import Conventions
 from sngr_utils.world.dead_reckoning import dead_reckoning
 from sngr_utils.world.simulation import World
 
@@ -86,7 +88,7 @@ class OnlineEstimate:
 
 def run(
     world: World,
-    conventions: graph.Conventions,
+    conventions: Conventions,
     settings: Settings,
     watch: Callable[[Belief], None] | None = None,
     *,
@@ -118,7 +120,7 @@ class Online:
     def __init__(
         self,
         data: World,
-        conventions: graph.Conventions,
+        conventions: Conventions,
         settings: Settings,
         *,
         rng: np.random.Generator,
@@ -186,7 +188,7 @@ class Online:
         belief.counts["batch trials"] += 1
         blind = dead_reckoning(data.x0_mean, data.odometry)
         starts = [(belief.poses, belief.landmarks)] if np.isfinite(belief.landmarks).all() else []
-        starts.append((blind, robust.start_landmarks(data, blind, "grid")))
+        starts.append((blind, landmark_starts.start_landmarks(data, blind, "grid")))
         found, least = None, belief.cost(belief.poses, belief.landmarks) - BETTER
         for start in starts:
             sure = belief.sure_factors(start[1])

@@ -8,11 +8,13 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from sngr_utils import estimators, graph, landmark_start, online, place
+from sngr_utils import estimators, landmark_start, online, place
 from sngr_utils.belief import Belief
 from sngr_utils.crediting import DROPPED
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.online import Settings
+from sngr_utils.slam import isam2
+from sngr_utils.slam.conventions import Conventions
 from sngr_utils.world import simulation, variations
 from sngr_utils.world.scenario import Scenario
 
@@ -43,7 +45,7 @@ def variants(nets: bool) -> dict[str, Settings]:
 
 def run_variants(
     scenario: Scenario,
-    conventions: graph.Conventions,
+    conventions: Conventions,
     settings: Mapping[str, Settings],
     p_levels: Sequence[float],
     seeds: Sequence[int],
@@ -75,7 +77,7 @@ def _variants_of_one(scenario, conventions, settings, p, seed) -> list[dict]:
 
 
 def _judged(
-    the_world: simulation.World, conventions: graph.Conventions, settings: Settings, seed: int
+    the_world: simulation.World, conventions: Conventions, settings: Settings, seed: int
 ) -> dict[str, float]:
     """What there is to say about one run."""
     before = time.thread_time()
@@ -101,7 +103,7 @@ def _judged(
 
 def run_slips(
     scenario: Scenario,
-    conventions: graph.Conventions,
+    conventions: Conventions,
     p: float,
     steps: int,
     sigma: float,
@@ -169,7 +171,7 @@ class Frame:
 
 
 def film(
-    the_world: simulation.World, conventions: graph.Conventions, at: Sequence[int], seed: int
+    the_world: simulation.World, conventions: Conventions, at: Sequence[int], seed: int
 ) -> list[Frame]:
     """One run of the online estimator, stopped at the poses `at`.
 
@@ -191,7 +193,7 @@ def film(
     return frames
 
 
-def _frame(belief: Belief, conventions: graph.Conventions, *, rng: np.random.Generator) -> Frame:
+def _frame(belief: Belief, conventions: Conventions, *, rng: np.random.Generator) -> Frame:
     data = belief.data
     newest = data.pose_of == data.n_poses - 1
     clouds = {}
@@ -202,7 +204,7 @@ def _frame(belief: Belief, conventions: graph.Conventions, *, rng: np.random.Gen
             drawn = rng.choice(len(cloud.points), 300, p=cloud.weights / cloud.weights.sum())
             clouds[int(k)] = cloud.points[drawn]
     return Frame(
-        data.poses[:, :2], belief.poses[:, :2], graph.run_isam2(data, conventions).poses[:, :2],
+        data.poses[:, :2], belief.poses[:, :2], isam2.run_isam2(data, conventions).poses[:, :2],
         belief.landmarks, clouds, data.label_of[newest], belief.credit.used[newest],
         data.source_of[newest], data.landmarks,
     )  # fmt: skip

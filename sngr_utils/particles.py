@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sngr_utils.crossings import crossings, distance_between, evidence, refine
 from sngr_utils.numerics.jit import compile_once
+from sngr_utils.slam.landmark_starts import crossings, distance_between, evidence, refine
 
 APART = 0.5  # m, between the hypotheses of a landmark at its start
 TWO_PI = 2 * math.pi

@@ -13,7 +13,6 @@ from sngr_utils import (
     association,
     estimators,
     fastslam,
-    graph,
     mixtures,
     peer_tables,
     report,
@@ -21,6 +20,7 @@ from sngr_utils import (
     switchable,
 )
 from sngr_utils.settings import Probability, Seed
+from sngr_utils.slam.conventions import PRESETS
 from sngr_utils.world import simulation
 from sngr_utils.world.scenario import ManyWorlds, Scenario
 
@@ -70,7 +70,7 @@ def run(config: Config) -> pd.DataFrame:
     seeds = config.seeds(config.n_seeds)
     tables = [
         estimators.compare(
-            config.scenario, graph.PRESETS[READING], levels, seeds, methods[start],
+            config.scenario, PRESETS[READING], levels, seeds, methods[start],
             [start], particles, config.jobs,
         )
         for start, levels in by_start.items()
@@ -148,7 +148,7 @@ class Ambiguous:
 
 def ambiguous(config: Config) -> Ambiguous:
     """The range of the first world whose source EM is least sure of, as each mixture sees it."""
-    p, conventions = config.p_starts[0], graph.PRESETS[READING]
+    p, conventions = config.p_starts[0], PRESETS[READING]
     the_world = simulation.simulate(
         config.scenario, p, rng=np.random.default_rng(config.first_seed)
     )

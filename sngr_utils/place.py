@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from sngr_utils import compiled, compiled_nested, crossings, importance, mirror
+from sngr_utils import compiled, compiled_nested, importance, mirror
+from sngr_utils.slam import landmark_starts
 
 N_LIVE, WALKS, DLOGZ = 100, 25, 0.5  # of the nested sampler, in two dimensions
 START_APART = 3.0  # sigmas of a range, nearer than which two crossings are one start
@@ -118,7 +119,7 @@ def starts(evidence: Evidence, most: int) -> np.ndarray:
     ----------
     most : S at most
     """
-    places = crossings.crossings(evidence.anchors, evidence.ranges)
+    places = landmark_starts.crossings(evidence.anchors, evidence.ranges)
     log_densities = _log_densities(evidence, places - evidence.centre)
     apart, chosen = START_APART * math.sqrt(evidence.variances.min()), []
     while len(chosen) < most and np.isfinite(log_densities).any():

@@ -11,8 +11,8 @@ import gtsam
 import numpy as np
 
 from sngr_utils import compiled, windows
-from sngr_utils.graph import Solution
 from sngr_utils.numerics import derivatives
+from sngr_utils.slam.solution import Solution
 
 STEP = 1e-3  # of the differences in `expand`, [m] or [rad]
 

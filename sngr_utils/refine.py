@@ -10,8 +10,8 @@ from gtsam.symbol_shorthand import X
 from pydantic import Field
 
 from sngr_utils import engines, nested, windows
-from sngr_utils.graph import Solution
 from sngr_utils.settings import Checked, Positive
+from sngr_utils.slam.solution import Solution
 
 
 class Gate(Checked):

@@ -6,9 +6,11 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from sngr_utils import corrected, engines, graph, nested, refine
+from sngr_utils import corrected, engines, nested, refine
 from sngr_utils.baseline import Baseline, run_baseline
 from sngr_utils.metrics import rmse_and_nees
+from sngr_utils.slam import marginals, solution
+from sngr_utils.slam.conventions import Conventions
 from sngr_utils.world.scenario import Scenario
 
 VARIANTS = ("paper", "conditional", "marginal")
@@ -16,7 +18,7 @@ VARIANTS = ("paper", "conditional", "marginal")
 
 def run_sweep(
     scenario: Scenario,
-    presets: Mapping[str, graph.Conventions],
+    presets: Mapping[str, Conventions],
     p_levels: Sequence[float],
     seeds: Sequence[int],
     variants: Sequence[str] = VARIANTS[:1],
@@ -33,7 +35,7 @@ def run_sweep(
 
     Parameters
     ----------
-    presets : conventions by name, e.g. `graph.PRESETS`
+    presets : conventions by name, e.g. `conventions.PRESETS`
     variants : of `VARIANTS`
     jobs : processes; None leaves number and backend to ``joblib.parallel_config``
 
@@ -65,7 +67,7 @@ def run_sweep(
 def _run_one(
     scenario: Scenario,
     preset: str,
-    conventions: graph.Conventions,
+    conventions: Conventions,
     p: float,
     seed: int,
     variants: list[str],
@@ -93,8 +95,8 @@ def _paper(
     )
     updated = refine.apply_updates(base.solution.estimate, refined)
     truth = base.world.poses[:, :2]
-    positions = graph.poses_of(updated, len(truth))[:, :2]
-    covariances = graph.position_covariances(base.solution, frame)
+    positions = solution.poses_of(updated, len(truth))[:, :2]
+    covariances = marginals.position_covariances(base.solution, frame)
     noop = refine.TriggerOnly().noop_sigma
     weights = [refine.noop_expected_log_weight(base.covariances[t], noop) for t in which]
     return {

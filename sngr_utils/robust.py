@@ -6,7 +6,6 @@ prior, the odometry and the weak landmark priors stay quadratic. Tuning constant
 the literature for residuals of unit variance, never fitted to these worlds.
 """
 
-import math
 from dataclasses import replace
 
 import gtsam
@@ -14,8 +13,11 @@ import numpy as np
 from gtsam.symbol_shorthand import L, X
 from scipy import stats
 
-from sngr_utils import graph
-from sngr_utils.numerics.jit import compile_once
+from sngr_utils.slam.conventions import Conventions
+from sngr_utils.slam.factors import sure_factors
+from sngr_utils.slam.landmark_starts import STARTS, start_landmarks
+from sngr_utils.slam.levenberg_marquardt import levenberg_marquardt
+from sngr_utils.slam.solution import Solution, values_of
 from sngr_utils.world import dead_reckoning, simulation
 
 # rho(r) of a whitened range residual r, and where its constant comes from
@@ -30,26 +32,19 @@ METHODS = {
     "gnc_gm": "Geman-McClure with c^2 at that quantile, reached likewise (Yang et al., RA-L 2020)",
     "oracle": "r^2 / 2 with every range attached to the landmark it came from",
 }
-STARTS = {
-    "first_poses": "least squares on the ranges of a landmark's first three dead-reckoned poses",
-    "grid": "the best cell of a grid, by all ranges of a landmark, any of which may be wrong",
-}
+
 HUBER_K, CAUCHY_K, DCS_PHI, GEMAN_MCCLURE_C, INLIER_QUANTILE = 1.345, 2.3849, 1.0, 1.0, 0.99
 GNC_SQUARED = stats.chi2.ppf(INLIER_QUANTILE, 1)  # threshold on r^2, and Geman and McClure's c^2
 
 Estimate = tuple[np.ndarray, np.ndarray]  # poses (T, 3) and landmarks (K, 2)
 
-GRID_CELLS = 100  # per axis
-NEGLIGIBLE_EXPONENT = 40.0  # e^-40 is nothing beside an outlier, in floating point
-GRID_OUTLIER_SHARE = 0.5  # knowing nothing about a range: right or wrong alike
-
 
 def estimate(
-    the_world: simulation.World, conventions: graph.Conventions, method: str, start: str
+    the_world: simulation.World, conventions: Conventions, method: str, start: str
 ) -> Estimate:
     """Batch Levenberg-Marquardt estimate of a world from dead-reckoned poses.
 
-    The x0 prior is centred on `World.x0_mean`, as in `graph.run_isam2`.
+    The x0 prior is centred on `World.x0_mean`, as in `isam2.run_isam2`.
 
     Parameters
     ----------
@@ -78,8 +73,8 @@ def estimate(
 
 
 def solve(
-    the_world: simulation.World, conventions: graph.Conventions, method: str, start: Estimate
-) -> graph.Solution:
+    the_world: simulation.World, conventions: Conventions, method: str, start: Estimate
+) -> Solution:
     """The solution under the loss of `method` from poses and landmarks to start from.
 
     The ranges of its graph have the noise model that the loss gives them at the estimate, so
@@ -93,34 +88,7 @@ def solve(
         factors = reweighted(factors, weights)
     else:
         result = levenberg_marquardt(factors, values)
-    return graph.Solution(None, factors, result, the_world.n_poses, the_world.n_landmarks)
-
-
-def levenberg_marquardt(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Values:
-    """Optimise to convergence; robust losses are reweighted, which is slow."""
-    # GTSAM's own defaults let lambda underflow to 0, which no factor raises again: a hang
-    params = gtsam.LevenbergMarquardtParams.CeresDefaults()
-    params.setMaxIterations(500)
-    params.setRelativeErrorTol(1e-10)
-    params.setAbsoluteErrorTol(1e-10)
-    return gtsam.LevenbergMarquardtOptimizer(factors, values, params).optimize()
-
-
-def sure_factors(
-    the_world: simulation.World, conventions: graph.Conventions, landmarks: np.ndarray
-) -> gtsam.NonlinearFactorGraph:
-    """The factors that cannot be outliers: x0 prior, odometry, weak landmark priors.
-
-    The last are centred on the (K, 2) `landmarks`, [m]; there is none where that is NaN.
-    """
-    factors = gtsam.NonlinearFactorGraph()
-    factors.push_back(graph.pose_prior(the_world.x0_mean, conventions.x0_sigmas))
-    for t, motion in enumerate(the_world.odometry):
-        factors.push_back(graph.odometry_factor(t, motion, the_world.scenario))
-    for k in np.flatnonzero(np.isfinite(landmarks[:, 0])):
-        sigma = conventions.landmark_prior_sigma
-        factors.push_back(graph.landmark_prior(k, landmarks[k], sigma))
-    return factors
+    return Solution(None, factors, result, the_world.n_poses, the_world.n_landmarks)
 
 
 def range_factors(
@@ -143,87 +111,6 @@ def range_factors(
         if np.isfinite(landmarks[k, 0]):
             factors.push_back(gtsam.RangeFactor2D(X(t), L(k), distance, noise))
     return factors
-
-
-def start_landmarks(the_world: simulation.World, poses: np.ndarray, start: str) -> np.ndarray:
-    """(K, 2) start of each landmark, [m]; NaN if fewer than three distinct poses saw it.
-
-    Parameters
-    ----------
-    poses : (T, 3) dead-reckoned poses, [m, m, rad]
-    start : one of `STARTS`
-    """
-    landmarks = np.full((the_world.n_landmarks, 2), np.nan)
-    variances = dead_reckoning.dead_reckoning_variances(poses, the_world.scenario)
-    for k in range(the_world.n_landmarks):
-        mine = the_world.label_of == k
-        seen_from, ranges = the_world.pose_of[mine], the_world.ranges[mine]
-        distinct, first = np.unique(seen_from, return_index=True)
-        if len(distinct) < graph.START_AFTER:
-            continue
-        if start == "first_poses":
-            few = first[: graph.START_AFTER]
-            landmarks[k] = graph.start_landmark(poses[seen_from[few], :2], ranges[few])
-        else:
-            variance = variances[seen_from] + the_world.scenario.range_sigma**2
-            longest = the_world.ranges.max()
-            landmarks[k] = best_cell(poses[seen_from, :2], ranges, variance, longest)
-    return landmarks
-
-
-def best_cell(
-    positions: np.ndarray, ranges: np.ndarray, variances: np.ndarray, longest: float
-) -> np.ndarray:
-    """(2,) cell of a grid where N ranges are most likely, each of them right or an outlier.
-
-    A right range is Gaussian about the distance, an outlier uniform up to `longest`. The grid
-    covers every place that some range can reach from its position.
-
-    Parameters
-    ----------
-    positions : (N, 2) where the ranges were taken, [m]
-    ranges : (N,), [m]
-    variances : (N,) of a right range about the distance, [m^2]
-    longest : the longest range there is, [m]
-
-    Source: the two-component likelihood of a range finder, Thrun, Burgard, Fox, Probabilistic
-    Robotics, section 6.3.
-    """
-    low, high = positions.min(axis=0) - ranges.max(), positions.max(axis=0) + ranges.max()
-    axes = np.linspace(low, high, GRID_CELLS)
-    # a point of the cell is uniform about its centre: one twelfth of the squared width
-    spread = variances + ((high - low) / (GRID_CELLS - 1)).max() ** 2 / 12
-    right = (1 - GRID_OUTLIER_SHARE) / np.sqrt(2 * np.pi * spread)
-    scores = _grid_scores(
-        axes, positions, ranges, 0.5 / spread, right, GRID_OUTLIER_SHARE / longest
-    )
-    i, j = np.unravel_index(np.argmax(scores), scores.shape)
-    return np.array([axes[i, 0], axes[j, 1]])
-
-
-@compile_once
-def _grid_scores(axes, positions, ranges, sharpness, right, outlier):
-    """Log-likelihood of every cell, less that of outliers only: most ranges miss most cells."""
-    scores = np.zeros((len(axes), len(axes)))
-    for i in range(len(axes)):
-        for j in range(len(axes)):
-            for n in range(len(ranges)):
-                dx, dy = axes[i, 0] - positions[n, 0], axes[j, 1] - positions[n, 1]
-                error = ranges[n] - math.sqrt(dx * dx + dy * dy)
-                exponent = sharpness[n] * error * error
-                if exponent < NEGLIGIBLE_EXPONENT:
-                    scores[i, j] += math.log1p(right[n] * math.exp(-exponent) / outlier)
-    return scores
-
-
-def values_of(poses: np.ndarray, landmarks: np.ndarray) -> gtsam.Values:
-    """Poses and the landmarks that are not NaN, as GTSAM's start."""
-    values = gtsam.Values()
-    for t, pose in enumerate(poses):
-        values.insert(X(t), gtsam.Pose2(*pose))
-    for k in np.flatnonzero(np.isfinite(landmarks[:, 0])):
-        values.insert(L(k), landmarks[k])
-    return values
 
 
 def _graduated(

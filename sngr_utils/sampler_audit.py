@@ -8,8 +8,8 @@ from scipy import stats
 
 from sngr_utils import compiled, corrected, engines, laplace, nested, posterior, refine, windows
 from sngr_utils.baseline import Baseline
-from sngr_utils.graph import Solution
 from sngr_utils.metrics import bimodality, effective_sample_size
+from sngr_utils.slam.solution import Solution
 from sngr_utils.window_audit import window_factors
 
 

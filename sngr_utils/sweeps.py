@@ -11,9 +11,11 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from sngr_utils import graph, windows
+from sngr_utils import windows
 from sngr_utils.baseline import Baseline, run_baseline
 from sngr_utils.metrics import precision_recall, rmse_and_nees
+from sngr_utils.slam import isam2, marginals
+from sngr_utils.slam.conventions import Conventions
 from sngr_utils.world import dead_reckoning, simulation, variations
 from sngr_utils.world.scenario import Scenario
 
@@ -41,7 +43,7 @@ class Sweep:
 
 def run_sweep(
     scenario: Scenario,
-    presets: Mapping[str, graph.Conventions],
+    presets: Mapping[str, Conventions],
     p_levels: Sequence[float],
     seeds: Sequence[int],
     taus: Sequence[float],
@@ -51,7 +53,7 @@ def run_sweep(
 
     Parameters
     ----------
-    presets : conventions by name, e.g. `graph.PRESETS`
+    presets : conventions by name, e.g. `conventions.PRESETS`
     jobs : processes; None leaves number and backend to ``joblib.parallel_config``
 
     Raises
@@ -80,7 +82,7 @@ def _require_distinct(name: str, given: Iterable) -> None:
 def _run_one(
     scenario: Scenario,
     preset: str,
-    conventions: graph.Conventions,
+    conventions: Conventions,
     p: float,
     seed: int,
     taus: list[float],
@@ -139,7 +141,7 @@ def _window_rows(run: Baseline) -> pd.DataFrame:
 
 def nees_variants(
     scenario: Scenario,
-    conventions: graph.Conventions,
+    conventions: Conventions,
     seeds: Sequence[int],
     jobs: int | None = None,
 ) -> pd.DataFrame:
@@ -160,7 +162,7 @@ def nees_variants(
 
 
 def _nees_rows(
-    scenario: Scenario, conventions: graph.Conventions, seed: int
+    scenario: Scenario, conventions: Conventions, seed: int
 ) -> list[tuple[str, str, int, float]]:
     rng = np.random.default_rng(seed)
     the_world = simulation.simulate(scenario, 0.0, rng=rng)
@@ -168,9 +170,9 @@ def _nees_rows(
     drawn = variations.draw_x0(the_world, conventions.x0_sigmas, rng=prior_rng)
     rows = []
     for name, given in (("truth", the_world), ("drawn", drawn)):
-        solution = graph.run_isam2(given, conventions)
+        solution = isam2.run_isam2(given, conventions)
         errors = solution.poses[:, :2] - the_world.poses[:, :2]
         for frame in ("world", "body"):
-            covariances = graph.position_covariances(solution, frame)
+            covariances = marginals.position_covariances(solution, frame)
             rows.append((name, frame, seed, rmse_and_nees.nees(errors, covariances)))
     return rows

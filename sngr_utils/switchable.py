@@ -12,7 +12,10 @@ import numpy as np
 from gtsam.symbol_shorthand import L, S, X
 from scipy import integrate, optimize
 
-from sngr_utils import graph, robust
+from sngr_utils import robust
+from sngr_utils.slam import levenberg_marquardt, solution
+from sngr_utils.slam.conventions import Conventions
+from sngr_utils.slam.factors import sure_factors
 from sngr_utils.world import simulation
 
 
@@ -41,10 +44,10 @@ SWITCH_SIGMA = 1 / optimize.brentq(lambda c: _efficiency(c) - 0.95, 1, 10)
 
 def solve(
     the_world: simulation.World,
-    conventions: graph.Conventions,
+    conventions: Conventions,
     start: robust.Estimate,
     switch_sigma: float = SWITCH_SIGMA,
-) -> graph.Solution:
+) -> solution.Solution:
     """Solve for poses, landmarks and one switch per range, all switches on at the start.
 
     The switch function is the identity, which the authors prefer to a sigmoid: at the optimum
@@ -69,8 +72,8 @@ def solve(
     if not switch_sigma > 0:
         raise ValueError(f"switch_sigma is {switch_sigma!r}: it must be positive")
     poses, landmarks = start
-    factors = gtsam.NonlinearFactorGraph(robust.sure_factors(the_world, conventions, landmarks))
-    values = robust.values_of(poses, landmarks)
+    factors = gtsam.NonlinearFactorGraph(sure_factors(the_world, conventions, landmarks))
+    values = solution.values_of(poses, landmarks)
     prior = gtsam.noiseModel.Isotropic.Sigma(1, switch_sigma)
     used = np.isfinite(landmarks[the_world.label_of, 0])
     for m in np.flatnonzero(used):
@@ -80,8 +83,8 @@ def solve(
         here = np.flatnonzero(used & (the_world.pose_of == t))
         if len(here):
             factors.push_back(switched_ranges(the_world, t, here))
-    result = robust.levenberg_marquardt(factors, values)
-    return graph.Solution(None, factors, result, the_world.n_poses, the_world.n_landmarks)
+    result = levenberg_marquardt.levenberg_marquardt(factors, values)
+    return solution.Solution(None, factors, result, the_world.n_poses, the_world.n_landmarks)
 
 
 def switched_ranges(the_world: simulation.World, t: int, here: np.ndarray) -> gtsam.CustomFactor:

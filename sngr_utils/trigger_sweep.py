@@ -7,10 +7,11 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import graph, report, windows
+from sngr_utils import report, windows
 from sngr_utils.baseline import Baseline, run_baseline
 from sngr_utils.metrics import standard_error
 from sngr_utils.settings import Positive, Probability, Seed
+from sngr_utils.slam.conventions import PRESETS, preset_conventions
 from sngr_utils.world.scenario import Scenario
 
 
@@ -20,7 +21,7 @@ class Config(Scenario):
     p_levels : wrong-association probabilities; must hold p_clean and p_noisy
     seeds : worlds of the mean and standard deviation; the first is the single-world column
     tau : threshold of the tables; tau_grid : thresholds of the sensitivity table
-    preset, conventions : see `graph.conventions`
+    preset, conventions : see `conventions.preset_conventions`
     """
 
     p_levels: Annotated[list[Probability], Field(min_length=1)] = [0.0, 0.1, 0.2, 0.3, 0.4]
@@ -34,7 +35,7 @@ class Config(Scenario):
 
     @model_validator(mode="after")
     def _consistent(self):
-        graph.conventions(self.preset, self.conventions)
+        preset_conventions(self.preset, self.conventions)
         for name in ("p_clean", "p_noisy"):
             if getattr(self, name) not in self.p_levels:
                 raise ValueError(f"{name} is {getattr(self, name)}: it must be one of p_levels")
@@ -62,7 +63,7 @@ class Sweep:
 
 def run(config: Config) -> Sweep:
     """iSAM2 on every world of the sweep."""
-    conventions = graph.conventions(config.preset, config.conventions)
+    conventions = preset_conventions(config.preset, config.conventions)
     scenario = config.part(Scenario)
     return Sweep(
         config,
@@ -78,7 +79,7 @@ def run_presets(config: Config) -> dict[str, Sweep]:
     """The sweep under each preset of the open conventions, on the same data."""
     return {
         preset: run(config.model_copy(update={"preset": preset, "conventions": {}}))
-        for preset in graph.PRESETS
+        for preset in PRESETS
     }
 
 

@@ -8,18 +8,11 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import (
-    calibration,
-    detection_study,
-    detection_summary,
-    detectors,
-    graph,
-    report,
-    windows,
-)
+from sngr_utils import calibration, detection_study, detection_summary, detectors, report, windows
 from sngr_utils.detection_study import Case
 from sngr_utils.metrics import cluster_bootstrap
 from sngr_utils.settings import Positive, Probability, Seed
+from sngr_utils.slam.conventions import PRESETS
 from sngr_utils.world.scenario import ManyWorlds
 
 READING = "C"  # preset: GTSAM's own iSAM2 settings
@@ -68,7 +61,7 @@ class Config(ManyWorlds):
 
     def worlds(self, cases: list[Case], seeds: Sequence[int]) -> pd.DataFrame:
         """All windows of these cases, see `detection_study.window_rows`."""
-        conventions = graph.PRESETS[READING]
+        conventions = PRESETS[READING]
         return detection_study.run(cases, self.scenario, conventions, seeds, self.jobs)
 
 

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pandas as pd
 
-from sngr_utils import claims, graph, paths, report, rules, verdicts
+from sngr_utils import claims, paths, report, rules, verdicts
 from sngr_utils.parameters import ProjectError, notebook_names
+from sngr_utils.slam import conventions
 from sngr_utils.verdicts import Row
 
 BEGIN, END = "<!-- claims: written by make reference -->", "<!-- /claims -->"
@@ -17,7 +18,7 @@ HEADS = dict(zip(rules.VERDICTS, ("R", "T", "N", "C", "–"), strict=True))
 
 def judged(results: dict[str, dict]) -> dict[str, list[Row]]:
     """Preset -> verdicts under it."""
-    return {preset: verdicts.evaluate(results, preset) for preset in graph.PRESETS}
+    return {preset: verdicts.evaluate(results, preset) for preset in conventions.PRESETS}
 
 
 def result(by_preset: dict[str, list[Row]]) -> dict:

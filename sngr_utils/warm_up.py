@@ -7,9 +7,10 @@ import gtsam
 import joblib
 import numpy as np
 
-from sngr_utils import compiled, contest, engines, estimators, graph, mirror, online
-from sngr_utils.chain import selected_inverse
+from sngr_utils import compiled, contest, engines, estimators, mirror, online
 from sngr_utils.nested import SamplerSettings
+from sngr_utils.slam import conventions
+from sngr_utils.slam.selected_inverse import selected_inverse
 from sngr_utils.world import scenario, simulation
 
 
@@ -20,7 +21,7 @@ def compile_all(jobs: int = 2) -> None:
     """
     parts = (compile_samplers, compile_estimators)
     joblib.Parallel(n_jobs=jobs)(joblib.delayed(part)() for part in parts)
-    online.run(_small(), graph.PRESETS["C"], online.Settings(), rng=np.random.default_rng(0))
+    online.run(_small(), conventions.PRESETS["C"], online.Settings(), rng=np.random.default_rng(0))
 
 
 def compile_samplers() -> None:
@@ -34,7 +35,7 @@ def compile_estimators() -> None:
     """FastSLAM, EM, the marginals of windows, the mirror test, and the fast path."""
     for method in ("fastslam", "em_exclusive"):
         rng = np.random.default_rng(0)
-        estimators.estimate(_small(), graph.PRESETS["C"], method, "grid", rng=rng)
+        estimators.estimate(_small(), conventions.PRESETS["C"], method, "grid", rng=rng)
     selected_inverse(
         np.zeros((3, 3)), np.zeros((1, 2)), np.zeros((2, 3)), np.zeros(1, int), np.zeros(1, int),
         x0_mean=np.zeros(3), x0_sigmas=np.ones(3), odometry_sigmas=np.ones(3),

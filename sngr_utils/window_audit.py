@@ -9,20 +9,11 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from sngr_utils import (
-    compiled,
-    corrected,
-    engines,
-    importance,
-    laplace,
-    nested,
-    posterior,
-    refine,
-    windows,
-)
+from sngr_utils import compiled, engines, importance, laplace, nested, posterior, refine, windows
 from sngr_utils.baseline import Baseline
-from sngr_utils.graph import Solution
 from sngr_utils.importance import find_modes
+from sngr_utils.slam import levenberg_marquardt
+from sngr_utils.slam.solution import Solution
 
 # name -> factor on GTSAM's error(), is the prior divided out?
 READINGS = {
@@ -131,8 +122,8 @@ def gains(
     one row per window and base: base (number of extra updates as text, or "batch"), gain
     [nats], fires (at tau 3.9 in the usual estimate), error (of the whole graph, [nats])
     """
-    settled = {str(n): corrected.converge(base.solution, "updates", n) for n in updates}
-    settled["batch"] = corrected.converge(base.solution)
+    settled = {str(n): levenberg_marquardt.converge(base.solution, "updates", n) for n in updates}
+    settled["batch"] = levenberg_marquardt.converge(base.solution)
     fires, rows = base.fired(3.9), []
     for name, solution in settled.items():
         error = solution.graph.error(solution.estimate)

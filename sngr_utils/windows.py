@@ -4,7 +4,8 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X
 
-from sngr_utils.graph import Solution, joint_covariance, marginals
+from sngr_utils.slam.marginals import gtsam_marginals, joint_covariance
+from sngr_utils.slam.solution import Solution
 
 WIDTH = 3  # poses in a window, W in the paper
 FAILURE_ERROR = 0.5  # m, mean position error above which a window has failed
@@ -64,7 +65,7 @@ def position_sigma(tau: float, log_lambda_min: float) -> float:
 
 def covariances(solution: Solution) -> np.ndarray:
     """(T-W+1, 9, 9) joint marginal covariance Sigma_w of every window."""
-    all_marginals = marginals(solution)
+    all_marginals = gtsam_marginals(solution)
     return np.array([
         joint_covariance(all_marginals, window_keys(t)) for t in range(n_windows(solution.n_poses))
     ])

@@ -3,14 +3,15 @@
 import joblib
 import pytest
 
-from sngr_utils import baseline, graph, trigger_sweep
+from sngr_utils import baseline, trigger_sweep
+from sngr_utils.slam import conventions
 from sngr_utils.world import scenario
 
 
 @pytest.fixture(scope="session")
 def clean() -> baseline.Baseline:
     """The paper's clean world, seed 0, preset B."""
-    return baseline.run_baseline(scenario.Scenario(), graph.PRESETS["B"], 0.0, 0)
+    return baseline.run_baseline(scenario.Scenario(), conventions.PRESETS["B"], 0.0, 0)
 
 
 @pytest.fixture(scope="session")
@@ -32,4 +33,4 @@ def forked():
 @pytest.fixture(scope="session")
 def noisy() -> baseline.Baseline:
     """The paper's world at p = 0.3, seed 0, preset B."""
-    return baseline.run_baseline(scenario.Scenario(), graph.PRESETS["B"], 0.3, 0)
+    return baseline.run_baseline(scenario.Scenario(), conventions.PRESETS["B"], 0.3, 0)

@@ -7,11 +7,12 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 
-from sngr_utils import graph, landmark_target, paths, window_target
+from sngr_utils import landmark_target, paths, window_target
+from sngr_utils.slam import conventions
 from sngr_utils.world import simulation, variations
 from sngr_utils.world.scenario import Scenario
 
-SIGMAS = graph.PRESETS["C"].x0_sigmas
+SIGMAS = conventions.PRESETS["C"].x0_sigmas
 WEAK = Scenario(n_poses=3, odometry_sigma_xy=0.5, odometry_sigma_theta=0.1)
 
 

@@ -9,11 +9,13 @@ import pytest
 from gtsam.symbol_shorthand import X
 from scipy import linalg, special, stats
 
-from sngr_utils import association, graph, robust
+from sngr_utils import association, robust
 from sngr_utils.metrics import rmse_and_nees
+from sngr_utils.slam import conventions, solution
+from sngr_utils.slam.factors import landmark_prior, pose_prior, range_factor, sure_factors
 from sngr_utils.world import scenario, simulation
 
-C = graph.PRESETS["C"]
+C = conventions.PRESETS["C"]
 
 
 def enumerated(log_weights):
@@ -131,14 +133,14 @@ def test_ranges_are_weighted_by_their_responsibilities():
     drawn = scans([0, 1], [0, 1], [5.3, 4.6], *PLACES)
     weights = np.array([[0.6, 0.4, 0.0], [1e-3, 0.9, 0.099]])
     sure = gtsam.NonlinearFactorGraph()
-    sure.push_back(graph.pose_prior(PLACES[0][0], [0.1, 0.1, 0.1]))
+    sure.push_back(pose_prior(PLACES[0][0], [0.1, 0.1, 0.1]))
     factors = association._weighted(sure, drawn, weights, 2.0)
     assert sure.size() == 1
     assert factors.size() == 4  # 1e-3 is nothing
     distances = np.linalg.norm(PLACES[0][:, None, :2] - PLACES[1], axis=2)
     squared = ((drawn.ranges[:, None] - distances) / 0.2) ** 2
     expected = 0.5 * (0.6 * squared[0, 0] + 0.4 * squared[0, 1] + 0.9 * squared[1, 1])
-    assert factors.error(robust.values_of(*PLACES)) == pytest.approx(expected)
+    assert factors.error(solution.values_of(*PLACES)) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("exclusive", [False, True])
@@ -158,9 +160,9 @@ def test_on_clean_data_em_is_the_oracle(exclusive):
 
 
 def _oracle_graph(clean, poses, landmarks):
-    factors = robust.sure_factors(clean, C, landmarks)
+    factors = sure_factors(clean, C, landmarks)
     factors.push_back(robust.range_factors(clean, landmarks, "least_squares"))
-    return factors, robust.values_of(poses, landmarks)
+    return factors, solution.values_of(poses, landmarks)
 
 
 def test_with_wrong_labels_em_stays_near_the_oracle_and_finds_p():
@@ -195,8 +197,8 @@ def test_open_ranges_add_up_in_what_they_withhold():
     for m in (0, 1):
         t, scores = drawn.pose_of[m], np.zeros((3, 10))  # the last: "none of these" has no score
         for row, k in enumerate(present):
-            values = robust.values_of(poses, landmarks)
-            factor = graph.range_factor(t, k, drawn.ranges[m], 0.1)
+            values = solution.values_of(poses, landmarks)
+            factor = range_factor(t, k, drawn.ranges[m], 0.1)
             jacobian, b = factor.linearize(values).jacobian()
             scores[row, 3 * t : 3 * t + 3] = jacobian[0, :3] * b[0]
             scores[row, 6 + 2 * row : 8 + 2 * row] = jacobian[0, 3:] * b[0]
@@ -211,9 +213,9 @@ def test_covariance_without_and_with_open_associations():
     information; in doubt at most nine tenths of it are withheld in any direction."""
     poses, landmarks = np.array([[0.0, 0.0, np.pi / 2]]), np.array([[10.0, 0.0], [0.0, 10.0]])
     sure = gtsam.NonlinearFactorGraph()
-    sure.push_back(graph.pose_prior(poses[0], [0.5, 1.0, 0.1]))
+    sure.push_back(pose_prior(poses[0], [0.5, 1.0, 0.1]))
     for k in (0, 1):
-        sure.push_back(graph.landmark_prior(k, landmarks[k], 1e-6))
+        sure.push_back(landmark_prior(k, landmarks[k], 1e-6))
     drawn = scans([0], [0], [10.0], poses, landmarks)
     certain = association.position_covariances(
         sure, drawn, poses, landmarks, np.array([[1.0, 0.0, 0.0]])

@@ -3,17 +3,8 @@ import pandas as pd
 import pytest
 from ruamel.yaml import YAML
 
-from sngr_utils import (
-    audit,
-    audit_tables,
-    claims,
-    graph,
-    parameters,
-    paths,
-    refine,
-    report,
-    sampler_audit,
-)
+from sngr_utils import audit, audit_tables, claims, parameters, paths, refine, report, sampler_audit
+from sngr_utils.slam import conventions
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +32,7 @@ def test_every_claim_gets_its_numbers(tmp_path):
     to.save()
     samples = report.read_json(tmp_path / "05_audit.json")["samples"]
     assert all(len(entry["sample"]) == 2 for entry in samples.values())
-    for preset in graph.PRESETS:
+    for preset in conventions.PRESETS:
         asked = {key for key in claims.needed(preset) if key.startswith("audit.")}
         assert asked <= set(samples)
 
@@ -74,7 +65,7 @@ def test_results_do_not_depend_on_the_number_of_processes(small, forked):
 
 def test_tables_are_whole(small, sweep, studies):
     runs, detections = sweep.runs, sweep.detections
-    n_levels, n_presets = len(small.p_levels), len(graph.PRESETS)
+    n_levels, n_presets = len(small.p_levels), len(conventions.PRESETS)
     printed = {0.0: 0.15}
     assert audit_tables.by_preset(runs, "pose_rmse", printed=printed).shape == (
         n_levels,

@@ -2,7 +2,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from sngr_utils import bench, cost, graph, nested, plots, refine, report, windows
+from sngr_utils import bench, cost, nested, plots, refine, report, windows
+from sngr_utils.slam import conventions
 from sngr_utils.world.scenario import Scenario
 from sngr_utils.world.simulation import simulate
 
@@ -65,7 +66,7 @@ def test_refining_all_windows_by_the_fast_path_is_cheap():
 def test_growth_measures_what_it_says(engines):
     config, _ = engines
     grown = bench.growth(
-        config.lengths, config.part(Scenario), graph.PRESETS["B"], config.seed
+        config.lengths, config.part(Scenario), conventions.PRESETS["B"], config.seed
     )  # fmt: skip
     assert set(grown.seconds) == set(bench.GROWTH)
     assert all((seconds > 0).all() for seconds in grown.seconds.values())

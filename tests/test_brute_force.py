@@ -10,7 +10,8 @@ from gtsam.symbol_shorthand import X
 from helpers import SIGMAS, WEAK, a_world, anchors, window
 from scipy import integrate, stats
 
-from sngr_utils import brute_force, graph, landmark_target, many_starts, window_target
+from sngr_utils import brute_force, landmark_target, many_starts, window_target
+from sngr_utils.slam.factors import odometry_factor, pose_prior
 from sngr_utils.world import dead_reckoning
 
 # --- targets --------------------------------------------------------------------------------
@@ -25,9 +26,9 @@ def test_noises_of_a_window_are_the_residuals_of_gtsams_factors():
     poses = dead_reckoning.dead_reckoning(start, moved)
     np.testing.assert_allclose(target.positions(noises[None])[0], poses[:, :2], atol=1e-12)
     factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    factors.push_back(graph.pose_prior(target.x0_mean, list(target.x0_sigmas)))
+    factors.push_back(pose_prior(target.x0_mean, list(target.x0_sigmas)))
     for t, motion in enumerate(target.odometry):
-        factors.push_back(graph.odometry_factor(t, motion, WEAK))
+        factors.push_back(odometry_factor(t, motion, WEAK))
     for t, pose in enumerate(poses):
         values.insert(X(t), gtsam.Pose2(*pose))
     assert factors.error(values) == pytest.approx(0.5 * noises @ noises, abs=5e-3)

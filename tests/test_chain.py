@@ -5,7 +5,12 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L, X
 
-from sngr_utils import chain, graph, windows
+from sngr_utils import windows
+from sngr_utils.slam import isam2, selected_inverse
+from sngr_utils.slam.conventions import PRESETS
+from sngr_utils.slam.factors import landmark_prior, odometry_factor, pose_prior, range_factor
+from sngr_utils.slam.marginals import gtsam_marginals, joint_covariance
+from sngr_utils.slam.solution import Solution
 from sngr_utils.world import dead_reckoning, simulation
 from sngr_utils.world.scenario import Scenario
 
@@ -20,19 +25,19 @@ def simulated(n_poses, n_landmarks, p, seed):
 def solution_at(the_world, conventions, poses, landmarks):
     """The world's graph and any linearisation point; iSAM2 is left out. NaN: absent."""
     factors, values, w = gtsam.NonlinearFactorGraph(), gtsam.Values(), the_world
-    factors.push_back(graph.pose_prior(w.x0_mean, conventions.x0_sigmas))
+    factors.push_back(pose_prior(w.x0_mean, conventions.x0_sigmas))
     for t, pose in enumerate(poses):
         values.insert(X(t), gtsam.Pose2(*pose))
     for t, motion in enumerate(w.odometry):
-        factors.push_back(graph.odometry_factor(t, motion, w.scenario))
+        factors.push_back(odometry_factor(t, motion, w.scenario))
     for k, landmark in enumerate(landmarks):
         if np.isfinite(landmark[0]):
             values.insert(L(k), landmark)
-            factors.push_back(graph.landmark_prior(k, landmark, conventions.landmark_prior_sigma))
+            factors.push_back(landmark_prior(k, landmark, conventions.landmark_prior_sigma))
     for t, k, distance in zip(w.pose_of, w.label_of, w.ranges, strict=True):
         if np.isfinite(landmarks[k, 0]):
-            factors.push_back(graph.range_factor(t, k, distance, w.scenario.range_sigma))
-    return graph.Solution(None, factors, values, w.n_poses, w.n_landmarks)
+            factors.push_back(range_factor(t, k, distance, w.scenario.range_sigma))
+    return Solution(None, factors, values, w.n_poses, w.n_landmarks)
 
 
 def relative(got, expected):
@@ -43,10 +48,10 @@ def relative(got, expected):
 
 def assert_equals_gtsam(solution, the_world, conventions, sample=None):
     """Windows, the landmarks' joint covariance, and the cross covariances, against GTSAM."""
-    got = chain.covariance(solution, the_world, conventions)
-    marginals = graph.marginals(solution)
+    got = selected_inverse.covariance(solution, the_world, conventions)
+    marginals = gtsam_marginals(solution)
     sample = range(len(got.windows)) if sample is None else sample
-    expected = [graph.joint_covariance(marginals, windows.window_keys(t)) for t in sample]
+    expected = [joint_covariance(marginals, windows.window_keys(t)) for t in sample]
     assert relative(got.windows[sample], np.array(expected)) < TOLERANCE
     present = [k for k in range(solution.n_landmarks) if solution.estimate.exists(L(k))]
     columns = [2 * k + i for k in present for i in range(2)]
@@ -57,7 +62,7 @@ def assert_equals_gtsam(solution, the_world, conventions, sample=None):
     if not present:
         return
     for t in sample[::7]:
-        joint = graph.joint_covariance(marginals, [X(t), *(L(k) for k in present)])
+        joint = joint_covariance(marginals, [X(t), *(L(k) for k in present)])
         assert relative(got.landmarks[np.ix_(columns, columns)], joint[3:, 3:]) < TOLERANCE
         mixed = np.block([
             [got.poses[t], got.pose_landmark[t][:, columns]],
@@ -71,8 +76,8 @@ def assert_equals_gtsam(solution, the_world, conventions, sample=None):
     ("n_poses", "n_landmarks", "p"), [(3, 2, 0.0), (4, 6, 0.4), (12, 3, 0.2), (30, 6, 0.3)]
 )
 def test_equals_gtsam_at_the_estimate_of_isam2(preset, n_poses, n_landmarks, p):
-    drawn, settings = simulated(n_poses, n_landmarks, p, n_poses), graph.PRESETS[preset]
-    assert_equals_gtsam(graph.run_isam2(drawn, settings), drawn, settings)
+    drawn, settings = simulated(n_poses, n_landmarks, p, n_poses), PRESETS[preset]
+    assert_equals_gtsam(isam2.run_isam2(drawn, settings), drawn, settings)
 
 
 @pytest.mark.parametrize("preset", ["A", "B", "C"])
@@ -81,8 +86,8 @@ def test_equals_gtsam_far_from_any_estimate(preset, seed):
     """Residuals of metres and radians: GTSAM's Jacobians depend on them."""
     rng, drawn = np.random.default_rng([seed, 1]), simulated(15, 4, 0.3, seed)
     poses = np.column_stack([rng.normal(0, 5, (15, 2)), rng.uniform(-np.pi, np.pi, 15)])
-    solution = solution_at(drawn, graph.PRESETS[preset], poses, rng.normal(0, 5, (4, 2)))
-    assert_equals_gtsam(solution, drawn, graph.PRESETS[preset])
+    solution = solution_at(drawn, PRESETS[preset], poses, rng.normal(0, 5, (4, 2)))
+    assert_equals_gtsam(solution, drawn, PRESETS[preset])
 
 
 @pytest.mark.parametrize("spread", [0.0, 1e-12, 1e-8, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2])
@@ -95,8 +100,8 @@ def test_equals_gtsam_where_its_logarithm_cancels(spread):
     rng, drawn = np.random.default_rng(7), simulated(20, 3, 0.0, 3)
     poses = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
     poses += rng.normal(size=poses.shape) * [0.05, 0.05, spread]
-    solution = solution_at(drawn, graph.PRESETS["A"], poses, drawn.landmarks)
-    got = chain.window_covariances(solution, drawn, graph.PRESETS["A"])
+    solution = solution_at(drawn, PRESETS["A"], poses, drawn.landmarks)
+    got = selected_inverse.window_covariances(solution, drawn, PRESETS["A"])
     assert relative(got, windows.covariances(solution)) < (
         1e-6 if 1e-6 < spread < 1e-2 else TOLERANCE
     )
@@ -111,8 +116,8 @@ def test_equals_gtsam_across_the_cut_of_the_angle():
     for turn in (0.0, np.pi):
         odometry = dead_reckoning.relative_motion(poses) + np.array([0.0, 0.0, turn])
         twisted = dataclasses.replace(drawn, odometry=odometry + rng.normal(0, 1e-3, (15, 3)))
-        solution = solution_at(twisted, graph.PRESETS["B"], poses, drawn.landmarks)
-        assert_equals_gtsam(solution, twisted, graph.PRESETS["B"])
+        solution = solution_at(twisted, PRESETS["B"], poses, drawn.landmarks)
+        assert_equals_gtsam(solution, twisted, PRESETS["B"])
 
 
 def test_landmarks_that_never_entered_have_no_covariance():
@@ -125,15 +130,15 @@ def test_landmarks_that_never_entered_have_no_covariance():
             for name in ("pose_of", "label_of", "source_of", "ranges")
         },
     )
-    solution = graph.run_isam2(fewer, graph.PRESETS["B"])
+    solution = isam2.run_isam2(fewer, PRESETS["B"])
     assert np.isnan(solution.landmarks[[1, 4]]).all()
-    assert_equals_gtsam(solution, fewer, graph.PRESETS["B"])
+    assert_equals_gtsam(solution, fewer, PRESETS["B"])
 
 
 def test_no_landmark_in_the_graph_leaves_the_odometry():
     drawn = simulated(6, 2, 0.0, 0)
-    solution = solution_at(drawn, graph.PRESETS["A"], drawn.poses, np.full((2, 2), np.nan))
-    assert_equals_gtsam(solution, drawn, graph.PRESETS["A"])
+    solution = solution_at(drawn, PRESETS["A"], drawn.poses, np.full((2, 2), np.nan))
+    assert_equals_gtsam(solution, drawn, PRESETS["A"])
 
 
 def test_poses_without_ranges_and_ranges_in_any_order():
@@ -146,8 +151,8 @@ def test_poses_without_ranges_and_ranges_in_any_order():
             for name in ("pose_of", "label_of", "source_of", "ranges")
         },
     )
-    solution = solution_at(fewer, graph.PRESETS["C"], drawn.poses, drawn.landmarks)
-    assert_equals_gtsam(solution, fewer, graph.PRESETS["C"])
+    solution = solution_at(fewer, PRESETS["C"], drawn.poses, drawn.landmarks)
+    assert_equals_gtsam(solution, fewer, PRESETS["C"])
 
 
 @pytest.mark.parametrize("distance", [0.0, 1e-12, 0.9e-10, 1.1e-10, 1e-6])
@@ -157,21 +162,21 @@ def test_a_pose_on_a_landmark_is_taken_as_gtsam_takes_it(distance):
     poses = drawn.poses.copy()
     poses[4, :2] = 0.0
     landmarks[1] = [0.0, distance]
-    solution = solution_at(drawn, graph.PRESETS["B"], poses, landmarks)
-    assert_equals_gtsam(solution, drawn, graph.PRESETS["B"])
+    solution = solution_at(drawn, PRESETS["B"], poses, landmarks)
+    assert_equals_gtsam(solution, drawn, PRESETS["B"])
 
 
 @pytest.mark.parametrize("preset", ["A", "B", "C"])
 def test_equals_gtsam_on_a_long_chain(preset):
     drawn, rng = simulated(3000, 6, 0.1, 0), np.random.default_rng(11)
     poses = drawn.poses + rng.normal(size=drawn.poses.shape) * [0.1, 0.1, 0.02]
-    solution = solution_at(drawn, graph.PRESETS[preset], poses, drawn.landmarks)
-    assert_equals_gtsam(solution, drawn, graph.PRESETS[preset], sample=[0, 1499, 2997])
+    solution = solution_at(drawn, PRESETS[preset], poses, drawn.landmarks)
+    assert_equals_gtsam(solution, drawn, PRESETS[preset], sample=[0, 1499, 2997])
 
 
 def test_windows_are_symmetric_positive_definite_and_share_their_blocks(noisy):
-    for settings in graph.PRESETS.values():
-        got = chain.covariance(noisy.solution, noisy.world, settings)
+    for settings in PRESETS.values():
+        got = selected_inverse.covariance(noisy.solution, noisy.world, settings)
         joint = got.windows
         assert np.array_equal(joint, joint.transpose(0, 2, 1))
         assert np.array_equal(got.landmarks, got.landmarks.T)
@@ -186,32 +191,38 @@ def test_windows_are_symmetric_positive_definite_and_share_their_blocks(noisy):
 
 
 def test_window_covariances_are_those_of_the_slow_way(noisy):
-    got = chain.window_covariances(noisy.solution, noisy.world, graph.PRESETS["B"])
+    got = selected_inverse.window_covariances(noisy.solution, noisy.world, PRESETS["B"])
     assert got.shape == noisy.covariances.shape
     assert relative(got, noisy.covariances) < TOLERANCE
 
 
 @pytest.mark.parametrize("preset", ["A", "B", "C"])
 def test_isam2_has_the_covariances_of_its_own_linearisation_points(noisy, preset):
-    """What ISAM2 answers differs from `graph.marginals` by old linearisation points only."""
-    settings = graph.PRESETS[preset]
-    solution = graph.run_isam2(noisy.world, settings)
+    """What ISAM2 answers differs from `marginals.gtsam_marginals` by old linearisation points only."""
+    settings = PRESETS[preset]
+    solution = isam2.run_isam2(noisy.world, settings)
     keys = [windows.window_keys(t) for t in range(28)]
-    answered = np.array([graph.joint_covariance(solution.isam, key) for key in keys])
+    answered = np.array([joint_covariance(solution.isam, key) for key in keys])
     old = dataclasses.replace(solution, estimate=solution.isam.getLinearizationPoint())
-    assert relative(chain.window_covariances(old, noisy.world, settings), answered) < TOLERANCE
-    assert relative(chain.window_covariances(solution, noisy.world, settings), answered) > 1e-3
+    assert (
+        relative(selected_inverse.window_covariances(old, noisy.world, settings), answered)
+        < TOLERANCE
+    )
+    assert (
+        relative(selected_inverse.window_covariances(solution, noisy.world, settings), answered)
+        > 1e-3
+    )
 
 
 def test_what_does_not_fit_is_refused(noisy):
-    drawn, settings = noisy.world, graph.PRESETS["B"]
+    drawn, settings = noisy.world, PRESETS["B"]
     good = {
         "poses": noisy.solution.poses, "landmarks": noisy.solution.landmarks,
         "odometry": drawn.odometry, "pose_of": drawn.pose_of, "label_of": drawn.label_of,
         "x0_mean": drawn.x0_mean, "x0_sigmas": [0.1] * 3, "odometry_sigmas": [0.1] * 3,
         "landmark_prior_sigma": 1.0, "range_sigma": 0.1,
     }  # fmt: skip
-    assert np.isfinite(chain.selected_inverse(**good).windows).all()
+    assert np.isfinite(selected_inverse.selected_inverse(**good).windows).all()
     lost = drawn.poses.copy()
     lost[3, 1] = np.nan
     for name, value, message in (
@@ -227,7 +238,7 @@ def test_what_does_not_fit_is_refused(noisy):
         ("range_sigma", np.nan, "sigmas"),
     ):
         with pytest.raises(ValueError, match=message):
-            chain.selected_inverse(**{**good, name: value})
+            selected_inverse.selected_inverse(**{**good, name: value})
     other = simulated(29, 6, 0.3, 0)
     with pytest.raises(ValueError, match="factors"):
-        chain.covariance(noisy.solution, other, settings)
+        selected_inverse.covariance(noisy.solution, other, settings)

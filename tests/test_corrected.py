@@ -13,7 +13,6 @@ from sngr_utils import (
     compiled,
     compiled_nested,
     corrected,
-    graph,
     importance,
     laplace,
     nested,
@@ -26,26 +25,29 @@ from sngr_utils import (
     windows,
 )
 from sngr_utils.metrics import rmse_and_nees
+from sngr_utils.slam import conventions, levenberg_marquardt
+from sngr_utils.slam.factors import range_factor
+from sngr_utils.slam.solution import Solution, poses_of
 from sngr_utils.world import scenario
 
 # Noise a hundredth of the paper's: every window is Gaussian to about a thousandth.
 QUIET = scenario.Scenario(
     n_poses=8, n_landmarks=4, odometry_sigma_xy=5e-4, odometry_sigma_theta=1e-4, range_sigma=1e-3
 )
-TIGHT = graph.Conventions(x0_sigmas=[1e-3, 1e-3, 5e-4], landmark_prior_sigma=5e-3)
+TIGHT = conventions.Conventions(x0_sigmas=[1e-3, 1e-3, 5e-4], landmark_prior_sigma=5e-3)
 
 
 @pytest.fixture(scope="module")
 def quiet():
     base = baseline.run_baseline(QUIET, TIGHT, 0.0, 0)
-    return base, corrected.converge(base.solution)
+    return base, levenberg_marquardt.converge(base.solution)
 
 
 def test_batch_settles_the_estimate_and_leaves_the_input_alone(noisy):
     before = noisy.solution.graph.error(noisy.solution.estimate)
     linearised = noisy.solution.isam.calculateEstimate()
-    batch = corrected.converge(noisy.solution)
-    more = corrected.converge(noisy.solution, "updates", 3)
+    batch = levenberg_marquardt.converge(noisy.solution)
+    more = levenberg_marquardt.converge(noisy.solution, "updates", 3)
     assert noisy.solution.graph.error(noisy.solution.estimate) == before
     assert noisy.solution.isam.calculateEstimate().equals(linearised, 0)
     assert batch.graph.error(batch.estimate) <= before
@@ -55,7 +57,7 @@ def test_batch_settles_the_estimate_and_leaves_the_input_alone(noisy):
     matrix, slope = posterior.eliminated(pieces, keys)
     assert 0.5 * slope @ np.linalg.solve(matrix, slope) < 1e-4  # nats left to gain
     with pytest.raises(ValueError, match="how is"):
-        corrected.converge(noisy.solution, "soon")
+        levenberg_marquardt.converge(noisy.solution, "soon")
 
 
 def test_elimination_gives_gtsams_marginals(noisy):
@@ -70,8 +72,8 @@ def test_second_order_is_exact_on_priors_and_close_on_ranges():
     values, factors = gtsam.Values(), gtsam.NonlinearFactorGraph()
     values.insert(X(0), gtsam.Pose2())
     values.insert(gtsam.symbol("l", 0), np.array([3.0, 4.0]))
-    factors.push_back(graph.range_factor(0, 0, 2.0, 0.1))
-    solution = graph.Solution(gtsam.ISAM2(), factors, values, 1, 1)
+    factors.push_back(range_factor(0, 0, 2.0, 0.1))
+    solution = Solution(gtsam.ISAM2(), factors, values, 1, 1)
     (piece,) = posterior.expand(solution)
     ray = np.array([0.6, 0.8])
     own = 100 * (np.outer(ray, ray) + 3 / 5 * (np.eye(2) - np.outer(ray, ray)))
@@ -80,7 +82,7 @@ def test_second_order_is_exact_on_priors_and_close_on_ranges():
 
 
 def test_ends_have_fewer_neighbours(noisy):
-    solution = corrected.converge(noisy.solution)
+    solution = levenberg_marquardt.converge(noisy.solution)
     pieces = posterior.expand(solution)
     sizes = [posterior.marginal_target(solution, t, pieces).factors for t in (0, 5, 27)]
     assert [int(f.counts[0]) for f in sizes] == [4, 5, 4]
@@ -251,7 +253,7 @@ def test_other_engines_get_the_targets_prior_and_the_whole_likelihood(monkeypatc
 
 
 def test_nothing_is_left_to_gain_after_batch(noisy):
-    settled = corrected.converge(noisy.solution)
+    settled = levenberg_marquardt.converge(noisy.solution)
     assert all(-1e-6 <= window_audit.attainable_gain(settled, t) < 5e-3 for t in (0, 9, 20))
 
 
@@ -264,7 +266,7 @@ def test_corrected_run_moves_only_accepted_windows(noisy):
     truth = noisy.world.poses[:, :2]
     assert run.base_rmse == rmse_and_nees.rmse(run.solution.poses[:, :2], truth)
     updated = refine.apply_updates(run.solution.estimate, run.windows)
-    assert run.pose_rmse == rmse_and_nees.rmse(graph.poses_of(updated, 30)[:, :2], truth)
+    assert run.pose_rmse == rmse_and_nees.rmse(poses_of(updated, 30)[:, :2], truth)
 
 
 def test_widths_follow_the_gaussian_prediction(quiet):
@@ -307,15 +309,15 @@ def test_long_walks_have_no_bias():
 
 def test_batch_ends_where_gtsams_default_damping_does_not():
     """World 8 under preset A at p = 0.3: lambda underflows with GTSAM's defaults."""
-    base = baseline.run_baseline(scenario.Scenario(), graph.PRESETS["A"], 0.3, 8)
-    settled = corrected.converge(base.solution)
+    base = baseline.run_baseline(scenario.Scenario(), conventions.PRESETS["A"], 0.3, 8)
+    settled = levenberg_marquardt.converge(base.solution)
     assert settled.graph.error(settled.estimate) < base.solution.graph.error(base.solution.estimate)
 
 
 def test_sweep_is_the_same_serial_and_parallel():
     def table(jobs):
         return refined_sweep.run_sweep(
-            scenario.Scenario(n_poses=8), {"C": graph.PRESETS["C"]}, [0.2], [0, 1],
+            scenario.Scenario(n_poses=8), {"C": conventions.PRESETS["C"]}, [0.2], [0, 1],
             ("paper", "conditional"), tau=3.0, jobs=jobs,
         )  # fmt: skip
 

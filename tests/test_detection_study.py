@@ -2,11 +2,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sngr_utils import detection_study, detection_summary, detectors, graph, windows
+from sngr_utils import detection_study, detection_summary, detectors, windows
 from sngr_utils.metrics import precision_recall
+from sngr_utils.slam import conventions
 from sngr_utils.world import scenario
 
-PAPER, C = scenario.Scenario(n_poses=12), graph.PRESETS["C"]
+PAPER, C = scenario.Scenario(n_poses=12), conventions.PRESETS["C"]
 CASES = [detection_study.Case("paper", 0.2), detection_study.Case("paper", 0.6, 4)]
 
 

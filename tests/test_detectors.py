@@ -3,28 +3,29 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sngr_utils import chain, detection_study, detectors, graph, windows
+from sngr_utils import detection_study, detectors, windows
+from sngr_utils.slam import conventions, isam2, selected_inverse
 from sngr_utils.world import dead_reckoning, simulation
 from sngr_utils.world.scenario import Scenario
 
-C = graph.PRESETS["C"]
+C = conventions.PRESETS["C"]
 
 
 @pytest.fixture(scope="module")
 def run():
     the_world = simulation.simulate(Scenario(n_poses=15), 0.2, rng=np.random.default_rng(100))
-    return the_world, graph.run_isam2(the_world, C)
+    return the_world, isam2.run_isam2(the_world, C)
 
 
 def test_condition_number_is_the_papers_score(run):
-    covariances = chain.window_covariances(run[1], run[0], C)
+    covariances = selected_inverse.window_covariances(run[1], run[0], C)
     expected = [windows.score(covariance) for covariance in covariances]
     assert np.allclose(detectors.condition_number(covariances), expected, rtol=1e-12)
 
 
 def test_largest_eigenvalue_sees_positions_only(run):
     """100 times the unit is four decades; the headings, blown up, change nothing."""
-    covariances = chain.window_covariances(run[1], run[0], C)
+    covariances = selected_inverse.window_covariances(run[1], run[0], C)
     scores = detectors.largest_eigenvalue(covariances)
     moved = detectors.largest_eigenvalue(windows.in_units(covariances, 100))
     assert np.allclose(moved - scores, 4)
@@ -52,7 +53,7 @@ def test_disagreement_in_sigmas_has_its_law(run):
     deviation over 4000 draws: fails once in 2e6 runs.
     """
     the_world, solution = run
-    covariance, rng = chain.covariance(solution, the_world, C), np.random.default_rng(3)
+    covariance, rng = selected_inverse.covariance(solution, the_world, C), np.random.default_rng(3)
     reference = solution.poses
     plain = reference + np.array([30.0, -40.0, 0.0])
     got = detectors.disagreement_sigmas(plain, reference, covariance)
@@ -69,7 +70,7 @@ def test_disagreement_in_sigmas_has_its_law(run):
 
 def test_equal_estimates_do_not_disagree(run):
     the_world, solution = run
-    covariance = chain.covariance(solution, the_world, C)
+    covariance = selected_inverse.covariance(solution, the_world, C)
     scores = detectors.disagreement_sigmas(solution.poses, solution.poses, covariance)
     assert np.isfinite(scores).all()
     assert (scores < 0).all()
@@ -163,7 +164,7 @@ def test_scores_read_no_truth():
         landmarks=np.full_like(the_world.landmarks, np.nan),
         source_of=np.full_like(the_world.source_of, -1),
     )
-    solution = graph.run_isam2(the_world, C)
+    solution = isam2.run_isam2(the_world, C)
     seen, unseen = (detection_study.scores(w, C, solution) for w in (the_world, blind))
     assert np.array_equal(seen, unseen)
     assert set(seen) - {"naive"} | {"either"} == set(detectors.SCORES)

@@ -5,11 +5,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sngr_utils import engines, estimators, fastslam, graph, nested, refine, robust, windows
+from sngr_utils import engines, estimators, fastslam, nested, refine, robust, windows
 from sngr_utils.metrics import rmse_and_nees
+from sngr_utils.slam import conventions, isam2
+from sngr_utils.slam.solution import poses_of
 from sngr_utils.world import dead_reckoning, scenario, simulation, variations
 
-C = graph.PRESETS["C"]
+C = conventions.PRESETS["C"]
 FEW = fastslam.Settings(n_particles=50)
 
 
@@ -74,7 +76,7 @@ def test_methods_are_those_of_their_modules():
     found = estimate(drawn, "cauchy", "first_poses")
     assert np.array_equal(found.poses, poses)
     assert np.array_equal(found.landmarks, landmarks)
-    assert np.array_equal(estimate(drawn, "isam2").poses, graph.run_isam2(drawn, C).poses)
+    assert np.array_equal(estimate(drawn, "isam2").poses, isam2.run_isam2(drawn, C).poses)
 
 
 def test_sngr_is_that_of_the_other_notebooks():
@@ -85,7 +87,7 @@ def test_sngr_is_that_of_the_other_notebooks():
     drawn = make(0.2, 104)
     found = estimators.estimate(drawn, C, "sngr", "grid", rng=np.random.default_rng([104, 1]))
     rmse = rmse_and_nees.rmse(found.poses[:, :2], drawn.poses[:, :2])
-    solution = graph.run_isam2(drawn, C)
+    solution = isam2.run_isam2(drawn, C)
     blocks = windows.covariances(solution)
     fired = windows.triggers(np.array([windows.score(block) for block in blocks]), estimators.TAU)
     settings = nested.SamplerSettings(min_walks=engines.ENOUGH_WALKS)
@@ -94,7 +96,7 @@ def test_sngr_is_that_of_the_other_notebooks():
         refined = refine.refine_windows(
             solution, np.flatnonzero(fired), blocks, settings, refine.Gate(), "nested", rng=stream
         )
-        poses = graph.poses_of(refine.apply_updates(solution.estimate, refined), drawn.n_poses)
+        poses = poses_of(refine.apply_updates(solution.estimate, refined), drawn.n_poses)
         others.append(rmse_and_nees.rmse(poses[:, :2], drawn.poses[:, :2]))
     error = np.std(others, ddof=1) * np.sqrt(1 + 1 / 6)
     assert abs(rmse - np.mean(others)) < 5 * error < 1e-2

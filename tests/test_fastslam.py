@@ -3,11 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sngr_utils import crossings, fastslam, graph, particles
+from sngr_utils import fastslam, particles
 from sngr_utils.metrics import rmse_and_nees
+from sngr_utils.slam import conventions, landmark_starts
 from sngr_utils.world import dead_reckoning, scenario, simulation, variations
 
-C = graph.PRESETS["C"]
+C = conventions.PRESETS["C"]
 SETUP = particles.Setup(np.array([0.05, 0.05, 0.01]), 0.1, 5.0, 8.0, 8, 50.0)
 
 
@@ -96,7 +97,7 @@ def test_systematic_resampling_draws_the_expected_number_but_for_rounding():
 
 def test_crossings_lie_on_both_circles():
     positions, distances = np.array([[0.0, 0.0], [4.0, 0.0]]), np.array([3.0, 3.0])
-    found = crossings.crossings(positions, distances)
+    found = landmark_starts.crossings(positions, distances)
     assert np.allclose(np.sort(found[:, 1]), [-np.sqrt(5), np.sqrt(5)])
     assert np.allclose(found[:, 0], 2)
 

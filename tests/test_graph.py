@@ -6,7 +6,10 @@ import pytest
 from gtsam.symbol_shorthand import L, X
 from helpers import dense_covariance
 
-from sngr_utils import baseline, graph, windows
+from sngr_utils import baseline, windows
+from sngr_utils.slam import conventions, isam2, landmark_starts, marginals
+from sngr_utils.slam.factors import landmark_prior, odometry_factor, pose_prior, range_factor
+from sngr_utils.slam.solution import pose_vector, poses_of
 from sngr_utils.world import simulation
 from sngr_utils.world.scenario import Scenario
 
@@ -18,13 +21,13 @@ from sngr_utils.world.scenario import Scenario
 def test_joint_covariance_is_the_dense_inverse_in_the_order_asked_for(noisy, keys):
     covariance, slices = dense_covariance(noisy.solution)
     expected = np.block([[covariance[slices[i], slices[j]] for j in keys] for i in keys])
-    got = graph.joint_covariance(graph.marginals(noisy.solution), keys)
+    got = marginals.joint_covariance(marginals.gtsam_marginals(noisy.solution), keys)
     assert np.allclose(got, expected, rtol=1e-8, atol=1e-12)
 
 
 def test_position_covariances_in_both_frames(clean):
-    body = graph.position_covariances(clean.solution, "body")
-    rotated = graph.position_covariances(clean.solution, "world")
+    body = marginals.position_covariances(clean.solution, "body")
+    rotated = marginals.position_covariances(clean.solution, "world")
     assert np.allclose(np.trace(body, axis1=1, axis2=2), np.trace(rotated, axis1=1, axis2=2))
     theta = clean.solution.poses[5, 2]
     r = np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
@@ -37,18 +40,18 @@ def test_factor_errors_are_half_squared_residuals():
     values.insert(X(0), gtsam.Pose2(0.3, 0.4, 0.1))
     values.insert(X(1), gtsam.Pose2(1.0, 0.0, 0.2))
     values.insert(L(0), np.array([4.0, 4.0]))
-    prior = graph.pose_prior(np.zeros(3), [0.1, 0.2, 0.5])
+    prior = pose_prior(np.zeros(3), [0.1, 0.2, 0.5])
     local = gtsam.Pose2(0, 0, 0).localCoordinates(values.atPose2(X(0)))
     assert prior.error(values) == pytest.approx(0.5 * np.sum((local / [0.1, 0.2, 0.5]) ** 2))
-    seen = graph.range_factor(1, 0, 6.0, 0.1)
+    seen = range_factor(1, 0, 6.0, 0.1)
     assert seen.error(values) == pytest.approx(0.5 * ((5.0 - 6.0) / 0.1) ** 2)
     true_motion = values.atPose2(X(0)).between(values.atPose2(X(1)))
-    motion = graph.pose_vector(true_motion) - [0.05, 0, 0]
-    moved = graph.odometry_factor(0, motion, scenario)
+    motion = pose_vector(true_motion) - [0.05, 0, 0]
+    moved = odometry_factor(0, motion, scenario)
     residual = gtsam.Pose2(*motion).localCoordinates(true_motion)
     expected = 0.5 * np.sum((residual / [0.05, 0.05, 0.01]) ** 2)
     assert moved.error(values) == pytest.approx(expected)
-    landmark = graph.landmark_prior(0, np.array([3.0, 4.0]), 0.5)
+    landmark = landmark_prior(0, np.array([3.0, 4.0]), 0.5)
     assert landmark.error(values) == pytest.approx(0.5 * (1 / 0.5) ** 2)
 
 
@@ -56,7 +59,7 @@ def test_landmark_start_recovers_noise_free_position():
     positions = np.array([[5.0, 0.0], [4.0, 3.0], [0.0, 5.0], [-4.0, 3.0]])
     landmark = np.array([1.0, -2.0])
     ranges = np.linalg.norm(positions - landmark, axis=1)
-    assert np.allclose(graph.start_landmark(positions, ranges), landmark, atol=1e-8)
+    assert np.allclose(landmark_starts.start_landmark(positions, ranges), landmark, atol=1e-8)
 
 
 def test_landmark_start_knows_nothing_of_the_truth():
@@ -73,7 +76,7 @@ def test_landmark_start_knows_nothing_of_the_truth():
         scenario=drawn.scenario,
         x0_mean=drawn.x0_mean,
     )
-    runs = [graph.run_isam2(w, graph.PRESETS["B"]) for w in (drawn, blind)]
+    runs = [isam2.run_isam2(w, conventions.PRESETS["B"]) for w in (drawn, blind)]
     assert np.array_equal(runs[0].poses, runs[1].poses)
 
 
@@ -91,14 +94,14 @@ def test_landmark_seen_from_two_poses_only_is_left_out():
         drawn.source_of[kept], drawn.ranges[kept], drawn.scenario,
         drawn.x0_mean,
     )  # fmt: skip
-    solution = graph.run_isam2(fewer, graph.PRESETS["B"])
+    solution = isam2.run_isam2(fewer, conventions.PRESETS["B"])
     assert np.isnan(solution.landmarks[5]).all()
     assert np.isfinite(solution.landmarks[:5]).all()
 
 
 def test_isam2_agrees_with_batch_optimisation_on_clean_data(clean):
     batch = gtsam.LevenbergMarquardtOptimizer(clean.solution.graph, clean.solution.estimate)
-    optimum = graph.poses_of(batch.optimize(), 30)
+    optimum = poses_of(batch.optimize(), 30)
     assert np.abs(optimum - clean.solution.poses).max() < 0.02
 
 
@@ -113,26 +116,26 @@ def test_preset_b_reproduces_the_printed_clean_counts(clean):
 @pytest.mark.parametrize("n_poses", [3, 4, 40])
 def test_other_lengths_run(n_poses):
     scenario = Scenario(n_poses=n_poses)
-    run = baseline.run_baseline(scenario, graph.PRESETS["C"], 0.2, 4)
+    run = baseline.run_baseline(scenario, conventions.PRESETS["C"], 0.2, 4)
     assert len(run.scores) == windows.n_windows(n_poses) == n_poses - 2
     assert np.isfinite(run.nees)
 
 
 def test_conventions():
-    assert graph.conventions("A", {"relinearize_skip": 3}).relinearize_skip == 3
-    assert graph.conventions("B") == graph.Conventions()
+    assert conventions.preset_conventions("A", {"relinearize_skip": 3}).relinearize_skip == 3
+    assert conventions.preset_conventions("B") == conventions.Conventions()
     with pytest.raises(ValueError, match="preset is 'D'"):
-        graph.conventions("D")
+        conventions.preset_conventions("D")
     with pytest.raises(ValueError, match="relinearize_skop"):
-        graph.conventions("A", {"relinearize_skop": 3})
+        conventions.preset_conventions("A", {"relinearize_skop": 3})
     with pytest.raises(ValueError, match="landmark_prior_sigma"):
-        graph.conventions("A", {"landmark_prior_sigma": -1.0})
+        conventions.preset_conventions("A", {"landmark_prior_sigma": -1.0})
 
 
 def test_a_shifted_x0_mean_shifts_everything(clean):
     """Nothing but the x0 prior knows where the frame is."""
     shift = np.array([1.0, -2.0, 0.0])
     elsewhere = replace(clean.world, x0_mean=clean.world.x0_mean + shift)
-    moved = graph.run_isam2(elsewhere, graph.PRESETS["B"])
+    moved = isam2.run_isam2(elsewhere, conventions.PRESETS["B"])
     assert np.allclose(moved.poses, clean.solution.poses + shift, atol=1e-6)
     assert np.allclose(moved.landmarks, clean.solution.landmarks + shift[:2], atol=1e-6)

@@ -8,10 +8,11 @@ import pytest
 from gtsam.symbol_shorthand import L, X
 from scipy import special, stats
 
-from sngr_utils import chain, graph, leverage, windows
+from sngr_utils import leverage, windows
+from sngr_utils.slam import conventions, isam2, selected_inverse
 from sngr_utils.world import scenario, simulation
 
-C = graph.PRESETS["C"]
+C = conventions.PRESETS["C"]
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +21,7 @@ def solved():
     drawn = simulation.simulate(scenario.Scenario(n_poses=12), 0.0, rng=np.random.default_rng(100))
     kept = np.random.default_rng(0).random(len(drawn.ranges)) < 0.7
     drawn = drawn.keep(kept)
-    return drawn, graph.run_isam2(drawn, C)
+    return drawn, isam2.run_isam2(drawn, C)
 
 
 def dense(the_world, solution):
@@ -41,7 +42,7 @@ def dense(the_world, solution):
 
 
 def chi_square_of(the_world, solution):
-    covariance = chain.covariance(solution, the_world, C)
+    covariance = selected_inverse.covariance(solution, the_world, C)
     return leverage.chi_square(the_world, solution.poses, solution.landmarks, covariance)
 
 
@@ -86,7 +87,7 @@ def test_the_law_holds_for_isam2_on_clean_worlds():
     ratios = []
     for seed in range(200, 260):
         the_world = simulation.simulate(scenario.Scenario(), 0.0, rng=np.random.default_rng(seed))
-        test = chi_square_of(the_world, graph.run_isam2(the_world, C))
+        test = chi_square_of(the_world, isam2.run_isam2(the_world, C))
         ratios.append(test.statistic[14] / test.rank[14])
     assert np.mean(ratios) == pytest.approx(1, abs=5 * np.sqrt(2 / (18 * 60)))
 
@@ -98,7 +99,7 @@ def test_one_wrong_label_is_seen(solved):
     labels[m] = (labels[m] + 1) % the_world.n_landmarks
     hit = replace(the_world, label_of=labels)
     landmarks, poses = solution.landmarks, solution.poses
-    covariance = chain.covariance_at(poses, landmarks, hit, C)
+    covariance = selected_inverse.covariance_at(poses, landmarks, hit, C)
     test = leverage.chi_square(hit, poses, landmarks, covariance)
     inside = np.arange(4, 7)
     assert (test.surprise[inside] > 3).all()
@@ -111,12 +112,12 @@ def test_an_absent_landmark_takes_its_ranges_along(solved):
     landmarks[2] = np.nan
     absent = leverage.chi_square(
         the_world, solution.poses, landmarks,
-        chain.covariance_at(solution.poses, landmarks, the_world, C),
+        selected_inverse.covariance_at(solution.poses, landmarks, the_world, C),
     )  # fmt: skip
     others = the_world.keep(the_world.label_of != 2)
     without = leverage.chi_square(
         others, solution.poses, landmarks,
-        chain.covariance_at(solution.poses, landmarks, others, C),
+        selected_inverse.covariance_at(solution.poses, landmarks, others, C),
     )  # fmt: skip
     assert np.allclose(absent.statistic, without.statistic, rtol=1e-9)
     assert np.array_equal(absent.rank, without.rank)

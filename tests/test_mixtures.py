@@ -3,18 +3,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sngr_utils import graph, mixtures, robust
+from sngr_utils import mixtures, robust
 from sngr_utils.metrics import rmse_and_nees
+from sngr_utils.slam import conventions, landmark_starts, levenberg_marquardt, solution
+from sngr_utils.slam.factors import range_factor, sure_factors
 from sngr_utils.world import dead_reckoning, simulation
 from sngr_utils.world.scenario import Scenario
 
-C = graph.PRESETS["C"]
+C = conventions.PRESETS["C"]
 
 
 def drawn(p=0.3, seed=100, start="grid"):
     the_world = simulation.simulate(Scenario(), p, rng=np.random.default_rng(seed))
     blind = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
-    return the_world, (blind, robust.start_landmarks(the_world, blind, start))
+    return the_world, (blind, landmark_starts.start_landmarks(the_world, blind, start))
 
 
 def test_the_null_hypothesis_takes_over_where_the_two_gaussians_cross():
@@ -51,13 +53,15 @@ def test_the_solution_is_the_optimum_of_the_components_it_would_choose(component
     choose = {"null": mixtures.choose_null, "all": mixtures.choose_landmark}[components]
     label, sigmas = choose(the_world, found.poses, found.landmarks)
     assert (sigmas == 0.1).mean() > 0.6
-    factors = robust.sure_factors(the_world, C, start[1])
+    factors = sure_factors(the_world, C, start[1])
     for t, k, distance, sigma in zip(
         the_world.pose_of, label, the_world.ranges, sigmas, strict=True
     ):
-        factors.push_back(graph.range_factor(t, k, distance, sigma))
-    best = robust.levenberg_marquardt(factors, robust.values_of(found.poses, found.landmarks))
-    assert np.abs(graph.poses_of(best, 30) - found.poses).max() < 1e-4
+        factors.push_back(range_factor(t, k, distance, sigma))
+    best = levenberg_marquardt.levenberg_marquardt(
+        factors, solution.values_of(found.poses, found.landmarks)
+    )
+    assert np.abs(solution.poses_of(best, 30) - found.poses).max() < 1e-4
 
 
 def test_all_landmarks_recover_the_oracle_up_to_a_few_ranges():

@@ -9,10 +9,8 @@ from gtsam.symbol_shorthand import L
 from sngr_utils import (
     association,
     belief,
-    chain,
     crediting,
     estimators,
-    graph,
     landmark_start,
     odometry_doubt,
     online,
@@ -22,9 +20,10 @@ from sngr_utils import (
     smoother,
 )
 from sngr_utils.metrics import rmse_and_nees
+from sngr_utils.slam import conventions, selected_inverse
 from sngr_utils.world import scenario, simulation, variations
 
-C = graph.PRESETS["C"]
+C = conventions.PRESETS["C"]
 WHOLE = online.Settings()
 SHORT = scenario.Scenario(n_poses=12)
 
@@ -300,7 +299,7 @@ def test_chain_takes_a_sigma_for_every_step():
         expected = marginals.marginalCovariance(gtsam.symbol("x", t))
         assert np.allclose(blocks.poses[t], expected, rtol=1e-6, atol=1e-12)
     with pytest.raises(ValueError, match="odometry_sigmas"):
-        chain.selected_inverse(
+        selected_inverse.selected_inverse(
             np.zeros((3, 3)), np.zeros((1, 2)), np.zeros((2, 3)), np.zeros(1, int),
             np.zeros(1, int), x0_mean=np.zeros(3), x0_sigmas=np.ones(3),
             odometry_sigmas=np.ones((3, 3)), landmark_prior_sigma=1.0, range_sigma=1.0,

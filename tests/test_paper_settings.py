@@ -3,7 +3,8 @@
 import dynesty
 import numpy as np
 
-from sngr_utils import bimodal, cost, full_sngr, graph, nested, refine, trigger_sweep, windows
+from sngr_utils import bimodal, cost, full_sngr, nested, refine, trigger_sweep, windows
+from sngr_utils.slam import landmark_starts
 from sngr_utils.world import scenario
 
 
@@ -13,7 +14,7 @@ def test_scenario():
         "n_poses": 30, "radius": 5.0, "n_landmarks": 6, "landmark_half_width": 4.0,
         "odometry_sigma_xy": 0.05, "odometry_sigma_theta": 0.01, "range_sigma": 0.1,
     }  # fmt: skip
-    assert graph.START_AFTER == 3  # observations, before a landmark has its prior
+    assert landmark_starts.START_AFTER == 3  # observations, before a landmark has its prior
 
 
 def test_windows():

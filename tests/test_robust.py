@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sngr_utils import graph, robust
+from sngr_utils import robust
 from sngr_utils.metrics import rmse_and_nees
+from sngr_utils.slam import conventions, factors, landmark_starts, marginals
+from sngr_utils.slam.isam2 import run_isam2
 from sngr_utils.world import dead_reckoning, scenario, simulation
 
-C = graph.PRESETS["C"]
+C = conventions.PRESETS["C"]
 TRUNCATION = np.sqrt(stats.chi2.ppf(0.99, 1))
 
 
@@ -38,7 +40,7 @@ def test_estimate_is_stationary_under_its_own_loss(method):
     drawn = make(0.3)
     poses, landmarks = robust.estimate(drawn, C, method, "grid")
     blind = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
-    starts = robust.start_landmarks(drawn, blind, "grid")
+    starts = landmark_starts.start_landmarks(drawn, blind, "grid")
     offsets = landmarks[drawn.label_of] - poses[drawn.pose_of, :2]
     lengths = np.linalg.norm(offsets, axis=1)
     pull = INFLUENCE[method]((lengths - drawn.ranges) / 0.1) / 0.1
@@ -49,7 +51,7 @@ def test_estimate_is_stationary_under_its_own_loss(method):
         assert np.abs(total).max() < 0.01 * np.abs(forces).sum()
 
 
-@pytest.mark.parametrize("start", robust.STARTS)
+@pytest.mark.parametrize("start", landmark_starts.STARTS)
 def test_oracle_is_least_squares_without_wrong_associations(start):
     expected = robust.estimate(make(0.0), C, "least_squares", start)
     for p in (0.0, 0.4):
@@ -62,7 +64,7 @@ def test_oracle_is_least_squares_without_wrong_associations(start):
 def test_least_squares_is_the_optimum_that_isam2_approaches(clean):
     """Clean data: where iSAM2 starts its landmarks moves the optimum by the weak prior only."""
     poses, landmarks = robust.estimate(clean.world, C, "least_squares", "first_poses")
-    isam2 = graph.run_isam2(clean.world, C)
+    isam2 = run_isam2(clean.world, C)
     assert distance(poses, isam2.poses) < 0.02
     assert distance(landmarks, isam2.landmarks) < 0.02
 
@@ -84,21 +86,21 @@ def test_marginals_are_those_of_the_weights_of_the_loss():
     """Least squares with every range weighted by psi(r) / r at the estimate, as each reports."""
     drawn = make(0.2)
     blind = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
-    start = (blind, robust.start_landmarks(drawn, blind, "grid"))
+    start = (blind, landmark_starts.start_landmarks(drawn, blind, "grid"))
     for method in ("huber", "cauchy", "geman_mcclure", "gnc_tls", "gnc_gm"):
         found = robust.solve(drawn, C, method, start)
         lengths = np.linalg.norm(
             found.landmarks[drawn.label_of] - found.poses[drawn.pose_of, :2], axis=1
         )
         residuals = (lengths - drawn.ranges) / 0.1
-        sure = robust.sure_factors(drawn, C, start[1])
+        sure = factors.sure_factors(drawn, C, start[1])
         ranges = robust.range_factors(drawn, start[1], "least_squares")
         weights = np.append(np.ones(sure.size()), INFLUENCE[method](residuals) / residuals)
         sure.push_back(ranges)
         plain = replace(found, graph=robust.reweighted(sure, weights))
         assert np.allclose(
-            graph.position_covariances(found, "world"),
-            graph.position_covariances(plain, "world"),
+            marginals.position_covariances(found, "world"),
+            marginals.position_covariances(plain, "world"),
             rtol=0.02,
         )
 
@@ -137,10 +139,10 @@ def test_starts_and_robust_estimates_know_nothing_of_the_truth():
 def test_first_poses_start_is_least_squares_on_three_ranges():
     drawn = make(0.0)
     blind = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
-    starts = robust.start_landmarks(drawn, blind, "first_poses")
+    starts = landmark_starts.start_landmarks(drawn, blind, "first_poses")
     for k in range(6):
         ranges = drawn.ranges[drawn.label_of == k][:3]
-        assert np.allclose(starts[k], graph.start_landmark(blind[:3, :2], ranges))
+        assert np.allclose(starts[k], landmark_starts.start_landmark(blind[:3, :2], ranges))
 
 
 def test_best_cell_holds_the_landmark_among_many_wrong_ranges():
@@ -149,8 +151,8 @@ def test_best_cell_holds_the_landmark_among_many_wrong_ranges():
     ranges = np.linalg.norm(positions - landmark, axis=1)
     wrong = np.arange(20) % 5 < 2
     ranges[wrong] = np.linalg.norm(positions[wrong] + [3.0, 1.0], axis=1)
-    cell = robust.best_cell(positions, ranges, np.full(20, 0.1**2), 15.0)
-    width = (10 + 2 * ranges.max()) / (robust.GRID_CELLS - 1)
+    cell = landmark_starts.best_cell(positions, ranges, np.full(20, 0.1**2), 15.0)
+    width = (10 + 2 * ranges.max()) / (landmark_starts.GRID_CELLS - 1)
     assert np.abs(cell - landmark).max() < width
 
 

@@ -4,13 +4,14 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from sngr_utils import baseline, graph, sweeps, windows
+from sngr_utils import baseline, sweeps, windows
 from sngr_utils.metrics import precision_recall, rmse_and_nees, summaries
+from sngr_utils.slam import conventions, marginals
 from sngr_utils.world import dead_reckoning, scenario
 
 SMALL = scenario.Scenario(n_poses=8)
 TABLES = ("runs", "detections", "scores")
-PRESETS = {name: graph.PRESETS[name] for name in ("B", "C")}
+PRESETS = {name: conventions.PRESETS[name] for name in ("B", "C")}
 
 
 def small(seeds=(3, 1, 2), jobs=1):
@@ -173,12 +174,12 @@ def test_paired_difference_uses_common_seeds_and_known_values():
 
 @pytest.fixture(scope="module")
 def variants():
-    return sweeps.nees_variants(scenario.Scenario(), graph.PRESETS["C"], range(100, 130), 1)
+    return sweeps.nees_variants(scenario.Scenario(), conventions.PRESETS["C"], range(100, 130), 1)
 
 
 def test_nees_of_a_true_mean_is_that_of_the_baseline(variants):
     for frame in ("world", "body"):
-        convention = graph.conventions("C", {"nees_frame": frame})
+        convention = conventions.preset_conventions("C", {"nees_frame": frame})
         run = baseline.run_baseline(scenario.Scenario(), convention, 0.0, 100)
         chosen = variants[(variants.x0_mean == "truth") & (variants.frame == frame)]
         assert chosen.nees.iloc[0] == run.nees
@@ -191,7 +192,7 @@ def test_nees_is_the_same_in_any_frame_that_errors_and_covariances_share(noisy):
         cos * errors[:, 0] + sin * errors[:, 1],
         cos * errors[:, 1] - sin * errors[:, 0],
     ])
-    body = rmse_and_nees.nees(turned, graph.position_covariances(noisy.solution, "body"))
+    body = rmse_and_nees.nees(turned, marginals.position_covariances(noisy.solution, "body"))
     assert body == pytest.approx(noisy.nees)
 
 

@@ -6,16 +6,19 @@ import pytest
 from gtsam.symbol_shorthand import S
 from scipy import optimize
 
-from sngr_utils import graph, robust, switchable
+from sngr_utils import robust, switchable
+from sngr_utils.slam import conventions, landmark_starts, marginals
+from sngr_utils.slam.factors import sure_factors
+from sngr_utils.slam.solution import values_of
 from sngr_utils.world import dead_reckoning, scenario, simulation
 
-C = graph.PRESETS["C"]
+C = conventions.PRESETS["C"]
 
 
 def drawn(p=0.3, seed=100):
     the_world = simulation.simulate(scenario.Scenario(), p, rng=np.random.default_rng(seed))
     blind = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
-    return the_world, (blind, robust.start_landmarks(the_world, blind, "grid"))
+    return the_world, (blind, landmark_starts.start_landmarks(the_world, blind, "grid"))
 
 
 @pytest.fixture(scope="module")
@@ -66,20 +69,20 @@ def test_switches_have_their_closed_form_and_tell_wrong_from_right(solved):
 def test_marginals_are_over_the_switches(solved):
     """Integrating a switch out leaves the range with the weight s^3, in closed form."""
     the_world, start, solution = solved
-    factors = robust.sure_factors(the_world, C, start[1])
+    factors = sure_factors(the_world, C, start[1])
     n_sure = factors.size()
     factors.push_back(robust.range_factors(the_world, start[1], "least_squares"))
     cubes = switches(solution, len(the_world.ranges)) ** 3
     weighted = robust.reweighted(factors, np.append(np.ones(n_sure), cubes))
-    expected = graph.position_covariances(replace(solution, graph=weighted), "world")
-    assert np.allclose(graph.position_covariances(solution, "world"), expected, rtol=1e-3)
+    expected = marginals.position_covariances(replace(solution, graph=weighted), "world")
+    assert np.allclose(marginals.position_covariances(solution, "world"), expected, rtol=1e-3)
 
 
 def test_jacobians_are_those_of_finite_differences():
     the_world, (poses, landmarks) = drawn()
     here = np.flatnonzero(the_world.pose_of == 4)
     factor = switchable.switched_ranges(the_world, 4, here)
-    values = robust.values_of(poses, landmarks)
+    values = values_of(poses, landmarks)
     for m in here:
         values.insert(S(m), 0.7)
     ordering, keys = gtsam.Ordering(), factor.keys()

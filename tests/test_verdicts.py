@@ -9,7 +9,6 @@ import pytest
 from sngr_utils import (
     claims,
     contradictions,
-    graph,
     parameters,
     paths,
     printed,
@@ -18,6 +17,7 @@ from sngr_utils import (
     verdict_tables,
     verdicts,
 )
+from sngr_utils.slam import conventions
 
 VALUES = {  # handed on as single values; all other keys are samples
     "bimodal.map_x", "bimodal.map_y", "bimodal.loglik_saddle_as_printed", "bimodal.map_distance",
@@ -44,7 +44,7 @@ def sample(values):
 def results():
     """Made-up results for every key: log-normal worlds, so that verdicts of most kinds occur."""
     rng = np.random.default_rng(5)
-    keys = {key for preset in graph.PRESETS for key in claims.needed(preset)}
+    keys = {key for preset in conventions.PRESETS for key in claims.needed(preset)}
     return {
         key: value(2.0) if key in VALUES else sample(rng.lognormal(size=N)) for key in sorted(keys)
     }

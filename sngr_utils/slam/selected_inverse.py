@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from sngr_utils.graph import Conventions, Solution
-from sngr_utils.information import add_odometry, add_ranges, eliminate, substitute
 from sngr_utils.numerics.linalg import invert
+from sngr_utils.slam.conventions import Conventions
+from sngr_utils.slam.information import add_odometry, add_ranges, eliminate, substitute
+from sngr_utils.slam.solution import Solution
 from sngr_utils.world.simulation import World
 
 
@@ -148,7 +149,7 @@ def _check_values(poses, odometry, indices, sigmas) -> None:
 
 
 def covariance(solution: Solution, world: World, conventions: Conventions) -> ChainCovariance:
-    """Covariance blocks of a solution, linearised at its estimate as `graph.marginals` is.
+    """Covariance blocks of a solution, linearised at its estimate as `marginals.gtsam_marginals` is.
 
     Parameters
     ----------

@@ -1,0 +1,188 @@
+"""Where a landmark starts: least squares on its first ranges, a grid, or crossings of circles."""
+
+import math
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from sngr_utils.numerics.jit import compile_once
+from sngr_utils.world import dead_reckoning, simulation
+
+START_AFTER = 3  # distinct poses that must have seen a landmark before it enters the graph
+
+
+def start_landmark(positions: np.ndarray, ranges: np.ndarray) -> np.ndarray:
+    """(2,) least-squares position of a landmark from N >= 2 ranges, started at their centroid.
+
+    Uses data only. With few poses on a nearly straight line the answer may be the mirror image
+    of the truth; nothing here can tell.
+
+    Parameters
+    ----------
+    positions : (N, 2) where the ranges were taken, [m]
+    ranges : (N,), [m]
+    """
+
+    def residuals(point):
+        return np.linalg.norm(point - positions, axis=1) - ranges
+
+    def jacobian(point):
+        offset = point - positions
+        return offset / np.linalg.norm(offset, axis=1, keepdims=True)
+
+    centroid = positions.mean(axis=0)
+    tight = {"ftol": 1e-14, "xtol": 1e-14, "gtol": 1e-14}
+    return least_squares(residuals, centroid, jacobian, method="lm", **tight).x
+
+
+STARTS = {
+    "first_poses": "least squares on the ranges of a landmark's first three dead-reckoned poses",
+    "grid": "the best cell of a grid, by all ranges of a landmark, any of which may be wrong",
+}
+
+GRID_CELLS = 100  # per axis
+NEGLIGIBLE_EXPONENT = 40.0  # e^-40 is nothing beside an outlier, in floating point
+GRID_OUTLIER_SHARE = 0.5  # knowing nothing about a range: right or wrong alike
+
+
+def start_landmarks(the_world: simulation.World, poses: np.ndarray, start: str) -> np.ndarray:
+    """(K, 2) start of each landmark, [m]; NaN if fewer than three distinct poses saw it.
+
+    Parameters
+    ----------
+    poses : (T, 3) dead-reckoned poses, [m, m, rad]
+    start : one of `STARTS`
+    """
+    landmarks = np.full((the_world.n_landmarks, 2), np.nan)
+    variances = dead_reckoning.dead_reckoning_variances(poses, the_world.scenario)
+    for k in range(the_world.n_landmarks):
+        mine = the_world.label_of == k
+        seen_from, ranges = the_world.pose_of[mine], the_world.ranges[mine]
+        distinct, first = np.unique(seen_from, return_index=True)
+        if len(distinct) < START_AFTER:
+            continue
+        if start == "first_poses":
+            few = first[:START_AFTER]
+            landmarks[k] = start_landmark(poses[seen_from[few], :2], ranges[few])
+        else:
+            variance = variances[seen_from] + the_world.scenario.range_sigma**2
+            longest = the_world.ranges.max()
+            landmarks[k] = best_cell(poses[seen_from, :2], ranges, variance, longest)
+    return landmarks
+
+
+def best_cell(
+    positions: np.ndarray, ranges: np.ndarray, variances: np.ndarray, longest: float
+) -> np.ndarray:
+    """(2,) cell of a grid where N ranges are most likely, each of them right or an outlier.
+
+    A right range is Gaussian about the distance, an outlier uniform up to `longest`. The grid
+    covers every place that some range can reach from its position.
+
+    Parameters
+    ----------
+    positions : (N, 2) where the ranges were taken, [m]
+    ranges : (N,), [m]
+    variances : (N,) of a right range about the distance, [m^2]
+    longest : the longest range there is, [m]
+
+    Source: the two-component likelihood of a range finder, Thrun, Burgard, Fox, Probabilistic
+    Robotics, section 6.3.
+    """
+    low, high = positions.min(axis=0) - ranges.max(), positions.max(axis=0) + ranges.max()
+    axes = np.linspace(low, high, GRID_CELLS)
+    # a point of the cell is uniform about its centre: one twelfth of the squared width
+    spread = variances + ((high - low) / (GRID_CELLS - 1)).max() ** 2 / 12
+    right = (1 - GRID_OUTLIER_SHARE) / np.sqrt(2 * np.pi * spread)
+    scores = _grid_scores(
+        axes, positions, ranges, 0.5 / spread, right, GRID_OUTLIER_SHARE / longest
+    )
+    i, j = np.unravel_index(np.argmax(scores), scores.shape)
+    return np.array([axes[i, 0], axes[j, 1]])
+
+
+@compile_once
+def _grid_scores(axes, positions, ranges, sharpness, right, outlier):
+    """Log-likelihood of every cell, less that of outliers only: most ranges miss most cells."""
+    scores = np.zeros((len(axes), len(axes)))
+    for i in range(len(axes)):
+        for j in range(len(axes)):
+            for n in range(len(ranges)):
+                dx, dy = axes[i, 0] - positions[n, 0], axes[j, 1] - positions[n, 1]
+                error = ranges[n] - math.sqrt(dx * dx + dy * dy)
+                exponent = sharpness[n] * error * error
+                if exponent < NEGLIGIBLE_EXPONENT:
+                    scores[i, j] += math.log1p(right[n] * math.exp(-exponent) / outlier)
+    return scores
+
+
+OUTLIER_SHARE = 0.5  # of the ranges a landmark is started from: right or wrong alike
+REFINEMENTS = 6  # reweighted Gauss-Newton steps
+TWO_PI = 2 * math.pi
+
+
+@compile_once
+def distance_between(a, b):
+    """Of two (2,) points, [m]."""
+    return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2)
+
+
+@compile_once
+def crossings(positions, distances):
+    """(C, 2) crossings of every two circles, or where they come nearest, [m]."""
+    n = len(distances)
+    found = np.empty((n * (n - 1), 2))
+    i = 0
+    for a in range(n):
+        for b in range(a):
+            dx, dy = positions[b] - positions[a]
+            base = max(math.sqrt(dx * dx + dy * dy), 1e-9)
+            along = 0.5 * (base + (distances[a] ** 2 - distances[b] ** 2) / base)
+            across = math.sqrt(max(distances[a] ** 2 - along**2, 0.0))
+            x, y = positions[a, 0] + along * dx / base, positions[a, 1] + along * dy / base
+            found[i] = x - across * dy / base, y + across * dx / base
+            found[i + 1] = x + across * dy / base, y - across * dx / base
+            i += 2
+    return found
+
+
+@compile_once
+def evidence(place, positions, distances, sigma, longest):
+    """Log-likelihood of ranges to a place, each right or an outlier, [nats]."""
+    total = 0.0
+    for i in range(len(distances)):
+        error = (distance_between(place, positions[i]) - distances[i]) / sigma
+        right = math.exp(-0.5 * error * error) / (math.sqrt(TWO_PI) * sigma)
+        total += math.log((1 - OUTLIER_SHARE) * right + OUTLIER_SHARE / longest)
+    return total
+
+
+@compile_once
+def refine(place, positions, distances, range_sigma, longest, landmark_sigma):
+    """Move a place to the nearest maximum of `evidence`; its covariance (xx, xy, yy), [m^2].
+
+    EM: each range weighs as much as it is probably right; the sigma shrinks to its own.
+
+    landmark_sigma : of the weak prior about the place itself, [m]
+    """
+    covariance = np.empty(3)
+    for step in range(REFINEMENTS):
+        sigma = range_sigma * max(1.0, 3.0 - step)
+        xx = yy = landmark_sigma**-2
+        xy = gx = gy = 0.0
+        for i in range(len(distances)):
+            dx, dy = place - positions[i]
+            expected = max(math.sqrt(dx * dx + dy * dy), 1e-9)
+            error = distances[i] - expected
+            likelihood = math.exp(-0.5 * (error / sigma) ** 2) / (math.sqrt(TWO_PI) * sigma)
+            right = (1 - OUTLIER_SHARE) * likelihood
+            weight = right / (right + OUTLIER_SHARE / longest) / sigma**2
+            ux, uy = dx / expected, dy / expected
+            xx, xy, yy = xx + weight * ux * ux, xy + weight * ux * uy, yy + weight * uy * uy
+            gx, gy = gx + weight * ux * error, gy + weight * uy * error
+        determinant = xx * yy - xy * xy
+        covariance[0], covariance[1], covariance[2] = yy, -xy, xx
+        covariance /= determinant
+        place[0] += covariance[0] * gx + covariance[1] * gy
+        place[1] += covariance[1] * gx + covariance[2] * gy
+    return covariance

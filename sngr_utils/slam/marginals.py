@@ -1,0 +1,44 @@
+"""Marginal covariances of poses, by GTSAM."""
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import X
+
+from sngr_utils.slam.solution import Solution
+
+
+def gtsam_marginals(solution: Solution) -> gtsam.Marginals:
+    """Marginals of the whole graph, linearised at the MAP estimate.
+
+    iSAM2's own marginals are linearised where it last relinearised, so they differ a little.
+    """
+    return gtsam.Marginals(solution.graph, solution.estimate)
+
+
+def joint_covariance(marginals: gtsam.Marginals, keys: list[int]) -> np.ndarray:
+    """Joint marginal covariance of `keys`, blocks in the order asked for.
+
+    Parameters
+    ----------
+    keys : n variable keys, e.g. ``[X(0), X(1), X(2)]``
+
+    Returns
+    -------
+    (D, D), D the summed dimension; body-frame tangent [m, m, rad] per pose, [m, m] per landmark
+
+    GTSAM sorts the blocks of its full matrix by key; reading it with ``at(i, j)`` keeps ours.
+    """
+    joint = marginals.jointMarginalCovariance(keys)
+    return np.block([[joint.at(i, j) for j in keys] for i in keys])
+
+
+def position_covariances(solution: Solution, frame: str) -> np.ndarray:
+    """(T, 2, 2) marginal covariance of each position, [m^2], in the "world" or "body" frame."""
+    all_marginals, blocks = gtsam_marginals(solution), []
+    for t in range(solution.n_poses):
+        block = all_marginals.marginalCovariance(X(t))[:2, :2]
+        if frame == "world":
+            rotation = solution.estimate.atPose2(X(t)).rotation().matrix()
+            block = rotation @ block @ rotation.T
+        blocks.append(block)
+    return np.array(blocks)
