@@ -11,9 +11,10 @@ import pandas as pd
 from gtsam.symbol_shorthand import L
 from pydantic import Field
 
-from sngr_utils import compiled, engines, importance, nested, refine, report, robust, windows
+from sngr_utils import compiled, engines, importance, nested, refine, report, windows
 from sngr_utils.baseline import Baseline
 from sngr_utils.metrics import standard_error
+from sngr_utils.robust import losses
 from sngr_utils.settings import Checked, Probability
 from sngr_utils.slam import selected_inverse
 from sngr_utils.slam.conventions import Conventions
@@ -443,7 +444,7 @@ def selected_inverse_at_truth(the_world: World, conventions: Conventions) -> np.
 def _solution_at_truth(the_world: World, conventions: Conventions) -> Solution:
     """The whole graph with the truth for its estimate; no iSAM2."""
     factors = sure_factors(the_world, conventions, the_world.landmarks)
-    factors.push_back(robust.range_factors(the_world, the_world.landmarks, "least_squares"))
+    factors.push_back(losses.range_factors(the_world, the_world.landmarks, "least_squares"))
     values = values_of(the_world.poses, the_world.landmarks)
     return Solution(
         gtsam.ISAM2(), factors, values, the_world.n_poses, the_world.n_landmarks

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special, stats
 
-from sngr_utils import association
+from sngr_utils.robust import association, mutual_exclusion
 from sngr_utils.slam import selected_inverse
 from sngr_utils.world.simulation import World
 
@@ -134,7 +134,7 @@ def decide(
         return Credit(used, weights)
     logs = log_weights(data, found, p)[asked]
     weights[asked] = (
-        association.exclusive_posterior(logs, data.pose_of[asked])
+        mutual_exclusion.exclusive_posterior(logs, data.pose_of[asked])
         if exclusive
         else association.posterior(logs)
     )

@@ -11,7 +11,8 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from sngr_utils import association, calibration, detectors, leverage, robust, windows
+from sngr_utils import calibration, detectors, leverage, windows
+from sngr_utils.robust import em, losses
 from sngr_utils.slam import isam2, levenberg_marquardt, selected_inverse
 from sngr_utils.slam.conventions import PRESETS, Conventions
 from sngr_utils.slam.solution import Solution
@@ -73,7 +74,7 @@ def scores(
     """
     plain = selected_inverse.covariance(solution, the_world, conventions)
     poses, landmarks = solution.poses, solution.landmarks
-    robust_estimate = association.estimate(the_world, conventions, "grid", exclusive=True)
+    robust_estimate = em.estimate(the_world, conventions, "grid", exclusive=True)
     reference = robust_estimate.poses, robust_estimate.landmarks
     own = robust_estimate.responsibilities[np.arange(len(the_world.ranges)), the_world.label_of]
     trusted = selected_inverse.covariance_at(*reference, the_world.keep(own > TRUSTED), conventions)
@@ -112,7 +113,7 @@ def window_rows(case: Case, paper: Scenario, conventions: Conventions, seed: int
     table = scores(the_world, conventions, solution)
     oracle = np.full_like(solution.poses, np.nan)
     if case.scenario == "paper":
-        oracle, _ = robust.estimate(the_world, conventions, "oracle", "first_poses")
+        oracle, _ = losses.estimate(the_world, conventions, "oracle", "first_poses")
     errors = np.linalg.norm((solution.poses - the_world.poses)[:, :2], axis=1)
     truth = {
         "scenario": case.scenario, "case": case.name, "p": case.p, "seed": seed,

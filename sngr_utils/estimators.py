@@ -12,18 +12,9 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from sngr_utils import (
-    association,
-    engines,
-    fastslam,
-    mixtures,
-    nested,
-    refine,
-    robust,
-    switchable,
-    windows,
-)
+from sngr_utils import engines, nested, refine, windows
 from sngr_utils.metrics import rmse_and_nees, summaries
+from sngr_utils.robust import em, fastslam, losses, max_mixtures, switchable_constraints
 from sngr_utils.slam import isam2, landmark_starts, marginals, selected_inverse
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.solution import poses_of
@@ -35,14 +26,14 @@ METHODS = {
     "dead_reckoning": "odometry alone, no ranges",
     "isam2": "incremental, as in the paper (Kaess et al., IJRR 2012)",
     "sngr": "the paper's method: nested sampling on the windows of iSAM2 that trigger",
-    **{name: text for name, text in robust.METHODS.items() if name != "oracle"},
+    **{name: text for name, text in losses.METHODS.items() if name != "oracle"},
     "switchable": "a switch variable on every range (Suenderhauf & Protzel, IROS 2012)",
     "max_mixture_null": "label or null hypothesis (Olson & Agarwal, IJRR 2013)",
     "max_mixture_all": "the landmark that explains a range best (Olson & Agarwal, IJRR 2013)",
     "fastslam": "particle filter that draws associations (Montemerlo et al., AAAI 2002)",
     "em": "soft association: every landmark, by its posterior (Bowman et al., ICRA 2017)",
     "em_exclusive": "the same, a landmark once in a scan (Bar-Shalom & Fortmann 1988)",
-    "oracle": robust.METHODS["oracle"],
+    "oracle": losses.METHODS["oracle"],
 }
 WITHOUT_START = (
     "dead_reckoning",
@@ -113,13 +104,13 @@ def _from(
     the_world: simulation.World,
     conventions: Conventions,
     method: str,
-    start: robust.Estimate,
+    start: losses.Estimate,
     particles: fastslam.Settings,
     rng: np.random.Generator,
 ) -> Estimate:
     """The estimate of `method` from poses and landmarks to start from."""
     if method in ("em", "em_exclusive"):
-        soft = association.fit(the_world, conventions, start, method == "em_exclusive")
+        soft = em.fit(the_world, conventions, start, method == "em_exclusive")
         return Estimate(soft.poses, soft.landmarks, soft.position_covariances)
     if method == "fastslam":
         found = fastslam.run(the_world, conventions, particles, rng=rng)
@@ -130,13 +121,13 @@ def _from(
     if method == "isam2":
         solution = isam2.run_isam2(the_world, conventions)
     elif method == "switchable":
-        solution = switchable.solve(the_world, conventions, start)
+        solution = switchable_constraints.solve(the_world, conventions, start)
     elif method.startswith("max_mixture_"):
         components = method.removeprefix("max_mixture_")
-        solution = mixtures.solve(the_world, conventions, start, components)
+        solution = max_mixtures.solve(the_world, conventions, start, components)
     else:  # without a landmark, least squares is dead reckoning
         loss = "least_squares" if method in ("dead_reckoning", "oracle") else method
-        solution = robust.solve(the_world, conventions, loss, start)
+        solution = losses.solve(the_world, conventions, loss, start)
     covariances = marginals.position_covariances(solution, "world")
     return Estimate(solution.poses, solution.landmarks, covariances)
 
@@ -239,7 +230,7 @@ def _compare_one(
 
 def _pairs(
     the_world: simulation.World, methods: Sequence[str], starts: Sequence[str]
-) -> Iterator[tuple[str, str, simulation.World, robust.Estimate]]:
+) -> Iterator[tuple[str, str, simulation.World, losses.Estimate]]:
     """Method, start, the world it is given, and where it begins; each start computed once."""
     poses = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
     nowhere = np.full((the_world.n_landmarks, 2), np.nan)

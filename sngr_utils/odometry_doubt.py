@@ -9,8 +9,9 @@ the referee where their weights are not sound.
 import numpy as np
 from scipy import stats
 
-from sngr_utils import association, crediting, place
+from sngr_utils import crediting, place
 from sngr_utils.belief import SLIP_SIGMA, Belief
+from sngr_utils.robust import association
 
 SLIP_ODDS = np.log(100.0)  # nats that a slip must gain: one step in a hundred slips
 ROUGH = 3.0  # nats that a rough evidence may miss; within them it is computed well

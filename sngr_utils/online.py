@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sngr_utils import association, crediting, landmark_start, odometry_doubt
+from sngr_utils import crediting, landmark_start, odometry_doubt
 from sngr_utils.belief import P_PRIOR, SURE, Belief
 from sngr_utils.crediting import DROPPED
+from sngr_utils.robust import em, louis_covariance
 from sngr_utils.settings import Checked, Probability
 from sngr_utils.slam import landmark_starts
 from sngr_utils.slam.conventions import Conventions
@@ -182,7 +183,7 @@ class Online:
     def _restart(self) -> None:
         """EM over all data so far, from where we are and from nothing; the best one is kept.
 
-        Source: `association.fit`.
+        Source: `em.fit`.
         """
         belief, settings, data = self.belief, self.settings, self.belief.data
         belief.counts["batch trials"] += 1
@@ -192,7 +193,7 @@ class Online:
         found, least = None, belief.cost(belief.poses, belief.landmarks) - BETTER
         for start in starts:
             sure = belief.sure_factors(start[1])
-            fit = association.fit(data, belief.conventions, start, settings.exclusive, sure=sure)
+            fit = em.fit(data, belief.conventions, start, settings.exclusive, sure=sure)
             cost = belief.cost(fit.poses, fit.landmarks)
             if cost < least:
                 found, least = fit, cost
@@ -215,14 +216,12 @@ class Online:
         if self.settings.soft:
             # weak priors where the landmarks are by now: their first places still pulled a little
             sure = belief.sure_factors(belief.landmarks)
-            found = association.fit(
-                data, belief.conventions, start, self.settings.exclusive, 1.0, sure
-            )
+            found = em.fit(data, belief.conventions, start, self.settings.exclusive, 1.0, sure)
             poses, landmarks = found.poses, found.landmarks
             covariances = found.position_covariances
         else:
             poses, landmarks = start
-            covariances = association.position_covariances(
+            covariances = louis_covariance.position_covariances(
                 belief.smoother.factors(*SURE), data, *start, np.eye(data.n_landmarks + 1)[used]
             )
         belief.counts["slips"] = len(belief.slipped)

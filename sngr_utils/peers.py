@@ -9,16 +9,16 @@ import pandas as pd
 from pydantic import Field, model_validator
 from scipy import stats
 
-from sngr_utils import (
+from sngr_utils import estimators, peer_tables, report
+from sngr_utils.robust import (
     association,
-    estimators,
+    em,
     fastslam,
-    mixtures,
-    peer_tables,
-    report,
-    robust,
-    switchable,
+    graduated_non_convexity,
+    max_mixtures,
+    switchable_constraints,
 )
+from sngr_utils.robust.losses import GNC_SQUARED
 from sngr_utils.settings import Probability, Seed
 from sngr_utils.slam.conventions import PRESETS
 from sngr_utils.world import simulation
@@ -86,18 +86,18 @@ def kernels(residuals: np.ndarray, scenario: Scenario) -> dict[str, tuple[np.nda
     """
     estimators_of = gtsam.noiseModel.mEstimator
     losses = {
-        "huber": estimators_of.Huber.Create(robust.HUBER_K),
-        "cauchy": estimators_of.Cauchy.Create(robust.CAUCHY_K),
-        "dcs": estimators_of.DCS.Create(robust.DCS_PHI),
-        "geman_mcclure": estimators_of.GemanMcClure.Create(robust.GEMAN_MCCLURE_C),
-        "switchable": estimators_of.GemanMcClure.Create(1 / switchable.SWITCH_SIGMA),
+        "huber": estimators_of.Huber.Create(graduated_non_convexity.HUBER_K),
+        "cauchy": estimators_of.Cauchy.Create(graduated_non_convexity.CAUCHY_K),
+        "dcs": estimators_of.DCS.Create(graduated_non_convexity.DCS_PHI),
+        "geman_mcclure": estimators_of.GemanMcClure.Create(graduated_non_convexity.GEMAN_MCCLURE_C),
+        "switchable": estimators_of.GemanMcClure.Create(1 / switchable_constraints.SWITCH_SIGMA),
     }
     square = 0.5 * residuals**2
     found = {"least_squares": (square, np.ones(len(residuals)))}
     for name, loss in losses.items():
         found[name] = tuple(np.array([f(r) for r in residuals]) for f in (loss.loss, loss.weight))
-    inside = residuals**2 < robust.GNC_SQUARED
-    found["gnc_tls"] = np.minimum(square, robust.GNC_SQUARED / 2), inside.astype(float)
+    inside = residuals**2 < GNC_SQUARED
+    found["gnc_tls"] = np.minimum(square, GNC_SQUARED / 2), inside.astype(float)
     ratio = scenario.landmark_half_width / scenario.range_sigma
     null = square / ratio**2 + np.log(ratio)
     found["max_mixture_null"] = np.minimum(square, null), np.where(square < null, 1, ratio**-2)
@@ -152,14 +152,14 @@ def ambiguous(config: Config) -> Ambiguous:
     the_world = simulation.simulate(
         config.scenario, p, rng=np.random.default_rng(config.first_seed)
     )
-    found = association.estimate(the_world, conventions, "grid", exclusive=False)
+    found = em.estimate(the_world, conventions, "grid", exclusive=False)
     at = the_world, found.poses, found.landmarks
     alone, scan = (
         association.responsibilities(*at, found.p, 1.0, exclusive)[:, :-1]
         for exclusive in (False, True)
     )
     m = int(np.argmax(stats.entropy(alone, axis=1)))
-    best, _ = mixtures.choose_landmark(*at)
+    best, _ = max_mixtures.choose_landmark(*at)
     prior = np.exp(association.log_prior(the_world.label_of, the_world.n_landmarks, found.p))
     hard = np.eye(the_world.n_landmarks)
     beliefs = {

@@ -9,8 +9,8 @@ import pytest
 from gtsam.symbol_shorthand import X
 from scipy import linalg, special, stats
 
-from sngr_utils import association, robust
 from sngr_utils.metrics import rmse_and_nees
+from sngr_utils.robust import association, em, losses, louis_covariance, mutual_exclusion
 from sngr_utils.slam import conventions, solution
 from sngr_utils.slam.factors import landmark_prior, pose_prior, range_factor, sure_factors
 from sngr_utils.world import scenario, simulation
@@ -37,7 +37,7 @@ def test_exclusive_posterior_is_the_sum_over_all_matchings(n, k, none):
     log_weights = 3 * np.random.default_rng(n).normal(size=(n, k + 1))
     if not none:
         log_weights[:, -1] = -np.inf
-    found = association.exclusive_posterior(log_weights)
+    found = mutual_exclusion.exclusive_posterior(log_weights)
     assert np.allclose(found, enumerated(log_weights), atol=1e-12)
     if n > k:  # somebody must be left over
         assert (1 - found[:, :-1].sum(axis=0) > -1e-12).all()
@@ -45,7 +45,7 @@ def test_exclusive_posterior_is_the_sum_over_all_matchings(n, k, none):
 
 def test_without_rivals_exclusion_changes_nothing():
     log_weights = np.random.default_rng(0).normal(size=(1, 7))
-    alone = association.exclusive_posterior(log_weights)
+    alone = mutual_exclusion.exclusive_posterior(log_weights)
     assert np.allclose(alone, association.posterior(log_weights))
 
 
@@ -53,19 +53,19 @@ def test_exclusion_settles_what_two_ranges_leave_open():
     """The second range can only be landmark 0, so the first, torn between two, is landmark 1."""
     log_weights = np.log(np.array([[0.5, 0.5, 1e-300], [1.0, 1e-300, 1e-300]]))
     assert association.posterior(log_weights)[0, 0] == pytest.approx(0.5)
-    assert association.exclusive_posterior(log_weights)[0, 1] == pytest.approx(1.0)
+    assert mutual_exclusion.exclusive_posterior(log_weights)[0, 1] == pytest.approx(1.0)
 
 
 def test_too_many_ranges_and_too_many_landmarks_are_refused():
     crowded = np.zeros((3, 3))
     crowded[:, -1] = -np.inf
     with pytest.raises(ValueError, match="no matching"):
-        association.exclusive_posterior(crowded)
+        mutual_exclusion.exclusive_posterior(crowded)
     with pytest.raises(ValueError, match="n_landmarks is 15"):
-        association.exclusive_posterior(np.zeros((1, 16)))
+        mutual_exclusion.exclusive_posterior(np.zeros((1, 16)))
     clean = simulation.simulate(scenario.Scenario(), 0.0, rng=np.random.default_rng(0))
     with pytest.raises(ValueError, match="start is 'truth'"):
-        association.estimate(clean, C, "truth", False)
+        em.estimate(clean, C, "truth", False)
 
 
 def test_prior_of_a_label_and_of_all_others_alike():
@@ -125,7 +125,7 @@ def test_share_of_wrong_labels_is_the_mean_under_jeffreys_prior():
     weights = np.array([[0.9, 0.1, 0.0], [0.3, 0.5, 0.2], [0.0, 1.0, 0.0]])
     labels = np.array([0, 1, 0])
     # right: 0.9 + 0.5 + 0; Beta(1/2, 1/2) before three ranges
-    assert association._share_wrong(weights, labels) == pytest.approx((0.5 + 1.6) / (1 + 3))
+    assert association.share_wrong(weights, labels) == pytest.approx((0.5 + 1.6) / (1 + 3))
 
 
 def test_ranges_are_weighted_by_their_responsibilities():
@@ -134,7 +134,7 @@ def test_ranges_are_weighted_by_their_responsibilities():
     weights = np.array([[0.6, 0.4, 0.0], [1e-3, 0.9, 0.099]])
     sure = gtsam.NonlinearFactorGraph()
     sure.push_back(pose_prior(PLACES[0][0], [0.1, 0.1, 0.1]))
-    factors = association._weighted(sure, drawn, weights, 2.0)
+    factors = association.weighted_factors(sure, drawn, weights, 2.0)
     assert sure.size() == 1
     assert factors.size() == 4  # 1e-3 is nothing
     distances = np.linalg.norm(PLACES[0][:, None, :2] - PLACES[1], axis=2)
@@ -146,8 +146,8 @@ def test_ranges_are_weighted_by_their_responsibilities():
 @pytest.mark.parametrize("exclusive", [False, True])
 def test_on_clean_data_em_is_the_oracle(exclusive):
     clean = simulation.simulate(scenario.Scenario(), 0.0, rng=np.random.default_rng(101))
-    found = association.estimate(clean, C, "grid", exclusive)
-    poses, landmarks = robust.estimate(clean, C, "oracle", "grid")
+    found = em.estimate(clean, C, "grid", exclusive)
+    poses, landmarks = losses.estimate(clean, C, "oracle", "grid")
     # the posterior of a right label is below one by less than 1e-2 where circles cross
     assert np.abs(found.poses - poses).max() < 2e-3
     assert np.abs(found.landmarks - landmarks).max() < 5e-3
@@ -161,7 +161,7 @@ def test_on_clean_data_em_is_the_oracle(exclusive):
 
 def _oracle_graph(clean, poses, landmarks):
     factors = sure_factors(clean, C, landmarks)
-    factors.push_back(robust.range_factors(clean, landmarks, "least_squares"))
+    factors.push_back(losses.range_factors(clean, landmarks, "least_squares"))
     return factors, solution.values_of(poses, landmarks)
 
 
@@ -171,10 +171,10 @@ def test_with_wrong_labels_em_stays_near_the_oracle_and_finds_p():
         wrong = simulation.simulate(scenario.Scenario(), 0.3, rng=np.random.default_rng(seed))
         truth = wrong.poses[:, :2]
         ratio = {}
-        oracle = rmse_and_nees.rmse(robust.estimate(wrong, C, "oracle", "grid")[0][:, :2], truth)
-        found = association.estimate(wrong, C, "grid", True)
+        oracle = rmse_and_nees.rmse(losses.estimate(wrong, C, "oracle", "grid")[0][:, :2], truth)
+        found = em.estimate(wrong, C, "grid", True)
         ratio["em"] = rmse_and_nees.rmse(found.poses[:, :2], truth) / oracle
-        plain = robust.estimate(wrong, C, "least_squares", "grid")[0]
+        plain = losses.estimate(wrong, C, "least_squares", "grid")[0]
         ratio["plain"] = rmse_and_nees.rmse(plain[:, :2], truth) / oracle
         assert ratio["em"] < 1.25 < 2 < ratio["plain"]
         drawn_wrong = (wrong.label_of != wrong.source_of).mean()
@@ -192,7 +192,7 @@ def test_open_ranges_add_up_in_what_they_withhold():
     drawn = scans([0, 1, 1], [0, 2, 0], [5.2, 4.5, 5.0], poses, landmarks)
     weights = np.array([[0.7, 0.0, 0.3, 0.0], [0.4, 0.0, 0.5, 0.1], [1.0, 0.0, 0.0, 0.0]])
     present = np.array([0, 2])
-    got = association._missing_information(drawn, poses, landmarks, present, weights)
+    got = louis_covariance._missing_information(drawn, poses, landmarks, present, weights)
     expected = np.zeros((10, 10))
     for m in (0, 1):
         t, scores = drawn.pose_of[m], np.zeros((3, 10))  # the last: "none of these" has no score
@@ -217,15 +217,15 @@ def test_covariance_without_and_with_open_associations():
     for k in (0, 1):
         sure.push_back(landmark_prior(k, landmarks[k], 1e-6))
     drawn = scans([0], [0], [10.0], poses, landmarks)
-    certain = association.position_covariances(
+    certain = louis_covariance.position_covariances(
         sure, drawn, poses, landmarks, np.array([[1.0, 0.0, 0.0]])
     )
     # the body's y axis points to minus x of the world, where the range is measured
     assert np.allclose(certain[0], np.diag([1 / (1 / 1.0**2 + 1 / 0.1**2), 0.5**2]), rtol=1e-6)
     doubtful = replace(drawn, ranges=np.array([11.0]))
     half = np.array([[0.5, 0.5, 0.0]])
-    got = association.position_covariances(sure, doubtful, poses, landmarks, half)
-    kept = association.position_covariances(sure, drawn, poses, landmarks, half)
+    got = louis_covariance.position_covariances(sure, doubtful, poses, landmarks, half)
+    kept = louis_covariance.position_covariances(sure, drawn, poses, landmarks, half)
     assert np.allclose(kept[0], np.diag([1 / (1 + 50), 1 / (4 + 50)]), rtol=1e-6)
     # 1 m off at a sigma of 0.1 m: the score has a variance of 2500 (1, -1) (1, -1)^T
     information = np.diag([51.0, 54.0])
@@ -245,7 +245,7 @@ def test_what_the_associations_withhold_is_the_curvature_of_the_mixture():
         np.array([range_]), scenario.Scenario(range_sigma=sigma), poses[0],
     )  # fmt: skip
     weights = association.responsibilities(drawn, poses, landmarks, 0.4, 1.0, False)
-    missing = association._missing_information(drawn, poses, landmarks, np.arange(2), weights)
+    missing = louis_covariance._missing_information(drawn, poses, landmarks, np.arange(2), weights)
     unit = landmarks / 1e5
 
     def log_mixture(x, y):

@@ -5,8 +5,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sngr_utils import engines, estimators, fastslam, nested, refine, robust, windows
+from sngr_utils import engines, estimators, nested, refine, windows
 from sngr_utils.metrics import rmse_and_nees
+from sngr_utils.robust import fastslam, losses
 from sngr_utils.slam import conventions, isam2
 from sngr_utils.slam.solution import poses_of
 from sngr_utils.world import dead_reckoning, scenario, simulation, variations
@@ -72,7 +73,7 @@ def test_dead_reckoning_is_what_odometry_says():
 
 def test_methods_are_those_of_their_modules():
     drawn = make(0.3)
-    poses, landmarks = robust.estimate(drawn, C, "cauchy", "first_poses")
+    poses, landmarks = losses.estimate(drawn, C, "cauchy", "first_poses")
     found = estimate(drawn, "cauchy", "first_poses")
     assert np.array_equal(found.poses, poses)
     assert np.array_equal(found.landmarks, landmarks)

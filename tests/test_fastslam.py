@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sngr_utils import fastslam, particles
 from sngr_utils.metrics import rmse_and_nees
+from sngr_utils.robust import fastslam, particles
 from sngr_utils.slam import conventions, landmark_starts
 from sngr_utils.world import dead_reckoning, scenario, simulation, variations
 

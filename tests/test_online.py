@@ -7,7 +7,6 @@ import pytest
 from gtsam.symbol_shorthand import L
 
 from sngr_utils import (
-    association,
     belief,
     crediting,
     estimators,
@@ -16,10 +15,10 @@ from sngr_utils import (
     online,
     online_study,
     place,
-    robust,
     smoother,
 )
 from sngr_utils.metrics import rmse_and_nees
+from sngr_utils.robust import losses, mutual_exclusion
 from sngr_utils.slam import conventions, selected_inverse
 from sngr_utils.world import scenario, simulation, variations
 
@@ -106,7 +105,7 @@ def test_on_clean_data_it_is_the_batch_estimate_of_the_same_graph(seed):
     """All labels kept, no window sampled, and the optimum but for where the weak priors sit."""
     drawn = make(0.0, seed)
     found = run(drawn)
-    poses, landmarks = robust.estimate(drawn, C, "least_squares", "grid")
+    poses, landmarks = losses.estimate(drawn, C, "least_squares", "grid")
     assert np.array_equal(found.used, drawn.label_of)
     assert np.abs(found.poses[:, :2] - poses[:, :2]).max() < 0.01
     assert np.abs(found.landmarks - landmarks).max() < 0.01
@@ -121,7 +120,7 @@ def test_wrong_labels_are_found_out(seed):
     found = run(drawn)
     assert np.mean(found.used == drawn.source_of) > 0.9
     assert found.p == pytest.approx(np.mean(drawn.label_of != drawn.source_of), abs=0.06)
-    oracle, _ = robust.estimate(drawn, C, "oracle", "grid")
+    oracle, _ = losses.estimate(drawn, C, "oracle", "grid")
     assert rmse(found, drawn) < 1.35 * rmse_and_nees.rmse(oracle[:, :2], drawn.poses[:, :2])
     covariances = found.position_covariances
     assert np.linalg.eigvalsh(covariances).min() > 0
@@ -182,7 +181,7 @@ def test_a_slip_is_noticed_and_survived():
     found = run(slipped)
     assert found.counts["slips"] >= 1
     assert found.counts["position questions"] >= 1
-    oracle, _ = robust.estimate(slipped, C, "oracle", "grid")
+    oracle, _ = losses.estimate(slipped, C, "oracle", "grid")
     assert rmse(found, drawn) < 0.5 * rmse_and_nees.rmse(oracle[:, :2], drawn.poses[:, :2])
 
 
@@ -309,7 +308,7 @@ def test_chain_takes_a_sigma_for_every_step():
 def test_two_ranges_that_fit_one_landmark_only_do_not_underflow():
     logs = np.full((6, 7), -2000.0)
     logs[:, 0], logs[:, -1] = 0.0, -np.inf
-    found = association.exclusive_posterior(logs)
+    found = mutual_exclusion.exclusive_posterior(logs)
     assert np.isfinite(found).all()
     assert found.sum(axis=1) == pytest.approx(np.ones(6))
 
@@ -331,7 +330,7 @@ def test_slips_are_the_same_for_all():
     frame = online_study.run_slips(SHORT, C, 0.3, 4, 0.7, [100], 1)
     sound = simulation.simulate(SHORT, 0.3, rng=np.random.default_rng(100))
     drawn = variations.slip(sound, 4, 0.7, rng=np.random.default_rng([100, online_study.SLIPS]))
-    oracle, _ = robust.estimate(drawn, C, "oracle", "grid")
+    oracle, _ = losses.estimate(drawn, C, "oracle", "grid")
     row = frame[frame["method"] == "oracle"].iloc[0]
     assert row.pose_rmse == rmse_and_nees.rmse(oracle[:, :2], drawn.poses[:, :2])
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sngr_utils import robust
 from sngr_utils.metrics import rmse_and_nees
+from sngr_utils.robust import graduated_non_convexity, losses
 from sngr_utils.slam import conventions, factors, landmark_starts, marginals
 from sngr_utils.slam.isam2 import run_isam2
 from sngr_utils.world import dead_reckoning, scenario, simulation
@@ -38,7 +38,7 @@ INFLUENCE = {
 def test_estimate_is_stationary_under_its_own_loss(method):
     """The influences of a landmark's ranges and of its weak prior cancel, in NumPy."""
     drawn = make(0.3)
-    poses, landmarks = robust.estimate(drawn, C, method, "grid")
+    poses, landmarks = losses.estimate(drawn, C, method, "grid")
     blind = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
     starts = landmark_starts.start_landmarks(drawn, blind, "grid")
     offsets = landmarks[drawn.label_of] - poses[drawn.pose_of, :2]
@@ -53,17 +53,17 @@ def test_estimate_is_stationary_under_its_own_loss(method):
 
 @pytest.mark.parametrize("start", landmark_starts.STARTS)
 def test_oracle_is_least_squares_without_wrong_associations(start):
-    expected = robust.estimate(make(0.0), C, "least_squares", start)
+    expected = losses.estimate(make(0.0), C, "least_squares", start)
     for p in (0.0, 0.4):
         for ours, theirs in zip(
-            robust.estimate(make(p), C, "oracle", start), expected, strict=True
+            losses.estimate(make(p), C, "oracle", start), expected, strict=True
         ):
             assert np.array_equal(ours, theirs)
 
 
 def test_least_squares_is_the_optimum_that_isam2_approaches(clean):
     """Clean data: where iSAM2 starts its landmarks moves the optimum by the weak prior only."""
-    poses, landmarks = robust.estimate(clean.world, C, "least_squares", "first_poses")
+    poses, landmarks = losses.estimate(clean.world, C, "least_squares", "first_poses")
     isam2 = run_isam2(clean.world, C)
     assert distance(poses, isam2.poses) < 0.02
     assert distance(landmarks, isam2.landmarks) < 0.02
@@ -75,8 +75,8 @@ def test_without_outliers_robust_is_close_to_least_squares(method):
     gaps, errors = [], []
     for seed in range(100, 104):
         drawn = make(0.0, seed)
-        plain, _ = robust.estimate(drawn, C, "least_squares", "grid")
-        ours, _ = robust.estimate(drawn, C, method, "grid")
+        plain, _ = losses.estimate(drawn, C, "least_squares", "grid")
+        ours, _ = losses.estimate(drawn, C, method, "grid")
         gaps.append(rmse_and_nees.rmse(ours[:, :2], plain[:, :2]))
         errors.append(rmse_and_nees.rmse(plain[:, :2], drawn.poses[:, :2]))
     assert np.mean(gaps) < np.mean(errors)
@@ -88,16 +88,16 @@ def test_marginals_are_those_of_the_weights_of_the_loss():
     blind = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
     start = (blind, landmark_starts.start_landmarks(drawn, blind, "grid"))
     for method in ("huber", "cauchy", "geman_mcclure", "gnc_tls", "gnc_gm"):
-        found = robust.solve(drawn, C, method, start)
+        found = losses.solve(drawn, C, method, start)
         lengths = np.linalg.norm(
             found.landmarks[drawn.label_of] - found.poses[drawn.pose_of, :2], axis=1
         )
         residuals = (lengths - drawn.ranges) / 0.1
         sure = factors.sure_factors(drawn, C, start[1])
-        ranges = robust.range_factors(drawn, start[1], "least_squares")
+        ranges = losses.range_factors(drawn, start[1], "least_squares")
         weights = np.append(np.ones(sure.size()), INFLUENCE[method](residuals) / residuals)
         sure.push_back(ranges)
-        plain = replace(found, graph=robust.reweighted(sure, weights))
+        plain = replace(found, graph=graduated_non_convexity.reweighted(sure, weights))
         assert np.allclose(
             marginals.position_covariances(found, "world"),
             marginals.position_covariances(plain, "world"),
@@ -114,11 +114,11 @@ def test_gnc_rejects_planted_outliers_whatever_they_say():
     for offset in (3.0, 6.0):
         ranges = drawn.ranges.copy()
         ranges[spoilt] += offset
-        estimates.append(robust.estimate(replace(drawn, ranges=ranges), C, "gnc_tls", "grid")[0])
+        estimates.append(losses.estimate(replace(drawn, ranges=ranges), C, "gnc_tls", "grid")[0])
     parts = {name: getattr(drawn, name)[kept] for name in (
         "pose_of", "label_of", "source_of", "ranges"
     )}  # fmt: skip
-    without, _ = robust.estimate(replace(drawn, **parts), C, "gnc_tls", "grid")
+    without, _ = losses.estimate(replace(drawn, **parts), C, "gnc_tls", "grid")
     assert distance(estimates[0], without) < 0.02
     assert distance(estimates[1], without) < 0.02
 
@@ -132,7 +132,7 @@ def test_starts_and_robust_estimates_know_nothing_of_the_truth():
         source_of=np.full(len(drawn.ranges), -1),
     )
     for method, start in (("cauchy", "grid"), ("gnc_tls", "first_poses")):
-        pair = [robust.estimate(w, C, method, start)[0] for w in (drawn, blind)]
+        pair = [losses.estimate(w, C, method, start)[0] for w in (drawn, blind)]
         assert np.array_equal(*pair)
 
 
@@ -162,7 +162,7 @@ def test_landmark_seen_from_two_poses_only_is_left_out():
     parts = ("pose_of", "label_of", "source_of", "ranges")
     fewer = replace(drawn, **{name: getattr(drawn, name)[kept] for name in parts})
     for method, start in (("huber", "first_poses"), ("gnc_tls", "grid")):
-        poses, landmarks = robust.estimate(fewer, C, method, start)
+        poses, landmarks = losses.estimate(fewer, C, method, start)
         assert poses.shape == (30, 3)
         assert np.isnan(landmarks[5]).all()
         assert np.isfinite(landmarks[:5]).all()
@@ -170,6 +170,6 @@ def test_landmark_seen_from_two_poses_only_is_left_out():
 
 def test_unknown_names_are_refused():
     with pytest.raises(ValueError, match="method is 'tukey'"):
-        robust.estimate(make(0.0), C, "tukey", "grid")
+        losses.estimate(make(0.0), C, "tukey", "grid")
     with pytest.raises(ValueError, match="start is 'truth'"):
-        robust.estimate(make(0.0), C, "huber", "truth")
+        losses.estimate(make(0.0), C, "huber", "truth")

@@ -6,7 +6,7 @@ import pytest
 from gtsam.symbol_shorthand import S
 from scipy import optimize
 
-from sngr_utils import robust, switchable
+from sngr_utils.robust import graduated_non_convexity, losses, switchable_constraints
 from sngr_utils.slam import conventions, landmark_starts, marginals
 from sngr_utils.slam.factors import sure_factors
 from sngr_utils.slam.solution import values_of
@@ -24,7 +24,7 @@ def drawn(p=0.3, seed=100):
 @pytest.fixture(scope="module")
 def solved():
     the_world, start = drawn()
-    return the_world, start, switchable.solve(the_world, C, start)
+    return the_world, start, switchable_constraints.solve(the_world, C, start)
 
 
 def residuals(the_world, solution):
@@ -50,8 +50,8 @@ def test_eliminating_the_switch_leaves_geman_mcclure(sigma):
 @pytest.mark.parametrize("p", [0.0, 0.3])
 def test_with_the_authors_sigma_it_is_the_geman_mcclure_estimate(p):
     the_world, start = drawn(p)
-    ours = switchable.solve(the_world, C, start, switch_sigma=1.0)
-    loss = robust.solve(the_world, C, "geman_mcclure", start)
+    ours = switchable_constraints.solve(the_world, C, start, switch_sigma=1.0)
+    loss = losses.solve(the_world, C, "geman_mcclure", start)
     assert np.abs(ours.poses - loss.poses)[:, :2].max() < 1e-3
     assert np.abs(ours.landmarks - loss.landmarks).max() < 1e-3
 
@@ -59,7 +59,7 @@ def test_with_the_authors_sigma_it_is_the_geman_mcclure_estimate(p):
 def test_switches_have_their_closed_form_and_tell_wrong_from_right(solved):
     the_world, _, solution = solved
     found = switches(solution, len(the_world.ranges))
-    expected = 1 / (1 + (switchable.SWITCH_SIGMA * residuals(the_world, solution)) ** 2)
+    expected = 1 / (1 + (switchable_constraints.SWITCH_SIGMA * residuals(the_world, solution)) ** 2)
     assert np.abs(found - expected).max() < 1e-3
     right = the_world.label_of == the_world.source_of
     assert np.median(found[right]) > 0.9
@@ -71,9 +71,9 @@ def test_marginals_are_over_the_switches(solved):
     the_world, start, solution = solved
     factors = sure_factors(the_world, C, start[1])
     n_sure = factors.size()
-    factors.push_back(robust.range_factors(the_world, start[1], "least_squares"))
+    factors.push_back(losses.range_factors(the_world, start[1], "least_squares"))
     cubes = switches(solution, len(the_world.ranges)) ** 3
-    weighted = robust.reweighted(factors, np.append(np.ones(n_sure), cubes))
+    weighted = graduated_non_convexity.reweighted(factors, np.append(np.ones(n_sure), cubes))
     expected = marginals.position_covariances(replace(solution, graph=weighted), "world")
     assert np.allclose(marginals.position_covariances(solution, "world"), expected, rtol=1e-3)
 
@@ -81,7 +81,7 @@ def test_marginals_are_over_the_switches(solved):
 def test_jacobians_are_those_of_finite_differences():
     the_world, (poses, landmarks) = drawn()
     here = np.flatnonzero(the_world.pose_of == 4)
-    factor = switchable.switched_ranges(the_world, 4, here)
+    factor = switchable_constraints.switched_ranges(the_world, 4, here)
     values = values_of(poses, landmarks)
     for m in here:
         values.insert(S(m), 0.7)
@@ -116,7 +116,9 @@ def test_its_constant_is_as_efficient_as_the_others():
     sample = np.random.default_rng(5).standard_normal((4000, 50))
     place = sample.mean(axis=1)
     for _ in range(50):
-        weights = (1 + (switchable.SWITCH_SIGMA * (sample - place[:, None])) ** 2) ** -2.0
+        weights = (
+            1 + (switchable_constraints.SWITCH_SIGMA * (sample - place[:, None])) ** 2
+        ) ** -2.0
         place = (weights * sample).sum(axis=1) / weights.sum(axis=1)
     efficiency = sample.mean(axis=1).var() / place.var()
     assert efficiency == pytest.approx(0.95, abs=0.035)
@@ -125,4 +127,4 @@ def test_its_constant_is_as_efficient_as_the_others():
 def test_bad_sigma_is_named():
     the_world, start = drawn()
     with pytest.raises(ValueError, match="switch_sigma is 0"):
-        switchable.solve(the_world, C, start, switch_sigma=0)
+        switchable_constraints.solve(the_world, C, start, switch_sigma=0)

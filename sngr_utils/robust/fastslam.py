@@ -15,7 +15,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from sngr_utils import particles
+from sngr_utils.robust import particles
 from sngr_utils.settings import Checked, Probability
 from sngr_utils.slam import landmark_starts
 from sngr_utils.slam.conventions import Conventions

@@ -12,7 +12,7 @@ import numpy as np
 from gtsam.symbol_shorthand import L, S, X
 from scipy import integrate, optimize
 
-from sngr_utils import robust
+from sngr_utils.robust import losses
 from sngr_utils.slam import levenberg_marquardt, solution
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.factors import sure_factors
@@ -45,7 +45,7 @@ SWITCH_SIGMA = 1 / optimize.brentq(lambda c: _efficiency(c) - 0.95, 1, 10)
 def solve(
     the_world: simulation.World,
     conventions: Conventions,
-    start: robust.Estimate,
+    start: losses.Estimate,
     switch_sigma: float = SWITCH_SIGMA,
 ) -> solution.Solution:
     """Solve for poses, landmarks and one switch per range, all switches on at the start.

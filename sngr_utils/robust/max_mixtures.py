@@ -11,7 +11,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
 
-from sngr_utils import robust
+from sngr_utils.robust import losses
 from sngr_utils.slam import levenberg_marquardt
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.factors import sure_factors
@@ -31,7 +31,7 @@ Choice = tuple[np.ndarray, np.ndarray]  # (M,) landmark and (M,) sigma [m] of ea
 def solve(
     the_world: simulation.World,
     conventions: Conventions,
-    start: robust.Estimate,
+    start: losses.Estimate,
     components: str,
 ) -> Solution:
     """Alternate the choice of components and Levenberg-Marquardt until the choice stays.

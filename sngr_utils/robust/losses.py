@@ -13,6 +13,15 @@ import numpy as np
 from gtsam.symbol_shorthand import L, X
 from scipy import stats
 
+from sngr_utils.robust.graduated_non_convexity import (
+    CAUCHY_K,
+    DCS_PHI,
+    GEMAN_MCCLURE_C,
+    HUBER_K,
+    INLIER_QUANTILE,
+    graduated,
+    reweighted,
+)
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.factors import sure_factors
 from sngr_utils.slam.landmark_starts import STARTS, start_landmarks
@@ -33,7 +42,6 @@ METHODS = {
     "oracle": "r^2 / 2 with every range attached to the landmark it came from",
 }
 
-HUBER_K, CAUCHY_K, DCS_PHI, GEMAN_MCCLURE_C, INLIER_QUANTILE = 1.345, 2.3849, 1.0, 1.0, 0.99
 GNC_SQUARED = stats.chi2.ppf(INLIER_QUANTILE, 1)  # threshold on r^2, and Geman and McClure's c^2
 
 Estimate = tuple[np.ndarray, np.ndarray]  # poses (T, 3) and landmarks (K, 2)
@@ -84,7 +92,7 @@ def solve(
     factors, values = gtsam.NonlinearFactorGraph(sure), values_of(*start)
     factors.push_back(range_factors(the_world, start[1], method))
     if method in ("gnc_tls", "gnc_gm"):
-        result, weights = _graduated(factors, values, method, known_inliers=range(sure.size()))
+        result, weights = graduated(factors, values, method, known_inliers=range(sure.size()))
         factors = reweighted(factors, weights)
     else:
         result = levenberg_marquardt(factors, values)
@@ -111,28 +119,3 @@ def range_factors(
         if np.isfinite(landmarks[k, 0]):
             factors.push_back(gtsam.RangeFactor2D(X(t), L(k), distance, noise))
     return factors
-
-
-def _graduated(
-    factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, method: str, known_inliers: range
-) -> tuple[gtsam.Values, np.ndarray]:
-    """Graduated non-convexity on all but the known inliers; its estimate and (F,) weights."""
-    losses = {"gnc_tls": gtsam.GncLossType.TLS, "gnc_gm": gtsam.GncLossType.GM}
-    params = gtsam.GncLMParams(gtsam.LevenbergMarquardtParams())
-    params.setLossType(losses[method])
-    params.setKnownInliers(list(known_inliers))
-    optimizer = gtsam.GncLMOptimizer(factors, values, params)
-    optimizer.setInlierCostThresholdsAtProbability(INLIER_QUANTILE)
-    return optimizer.optimize(), optimizer.getWeights()
-
-
-def reweighted(
-    factors: gtsam.NonlinearFactorGraph, weights: np.ndarray
-) -> gtsam.NonlinearFactorGraph:
-    """The factors with their squared errors times (F,) weights; those of weight 0 left out."""
-    kept = gtsam.NonlinearFactorGraph()
-    for i in np.flatnonzero(weights > 0):
-        factor, noise = factors.at(int(i)), factors.at(int(i)).noiseModel()
-        scaled = gtsam.noiseModel.Diagonal.Sigmas(noise.sigmas() / np.sqrt(weights[i]))
-        kept.push_back(factor.cloneWithNewNoiseModel(scaled))
-    return kept
