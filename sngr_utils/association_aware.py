@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import estimators, online, online_study, online_tables, place, report, windows
+from sngr_utils import estimators, online_study, online_tables, place, report, windows
+from sngr_utils.online import estimator, localisation
 from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.slam import conventions
 from sngr_utils.world import dead_reckoning, simulation
@@ -72,7 +73,7 @@ def run(config: Config) -> pd.DataFrame:
     if others:
         few = (online_tables.BATCH, "oracle")
         tables.append(estimators.compare(*given, others, seeds, few, jobs=config.jobs))
-    ours = {online_study.NAME: online.Settings()}
+    ours = {online_study.NAME: estimator.Settings()}
     tables.append(online_study.run_variants(*given, ours, config.p_levels, seeds, config.jobs))
     runs = estimators.relative_to_oracle(pd.concat(tables, ignore_index=True))
     return runs.sort_values("p", kind="stable", ignore_index=True)
@@ -133,9 +134,9 @@ def few_poses(config: Config) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, 
             ranges.max(),
         )  # fmt: skip
         rng = np.random.default_rng([config.first_seed, n])
-        cloud = place.sample(evidence, rng=rng)
+        cloud = localisation.sample(evidence, rng=rng)
         drawn = rng.choice(len(cloud.points), 600, p=cloud.weights / cloud.weights.sum())
-        mass = place.modes(cloud, evidence)[0].mass
+        mass = localisation.modes(cloud, evidence)[0].mass
         panels.append((cloud.points[drawn], anchors, the_world.landmarks[k], mass))
     return panels
 
@@ -149,7 +150,7 @@ def future_is_unknown(config: Config) -> bool:
     for ranges in (the_world.ranges, spoilt):
         changed = replace(the_world, ranges=ranges)
         rng = np.random.default_rng(config.first_seed)
-        found = online.run(changed, conventions.PRESETS[READING], online.Settings(), rng=rng)
+        found = estimator.run(changed, conventions.PRESETS[READING], estimator.Settings(), rng=rng)
         pasts.append(found.filtered[: middle + 1])
     return bool(np.array_equal(*pasts))
 

@@ -8,11 +8,12 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from sngr_utils import estimators, landmark_start, online, place
-from sngr_utils.belief import Belief
-from sngr_utils.crediting import DROPPED
+from sngr_utils import estimators
 from sngr_utils.metrics import rmse_and_nees
-from sngr_utils.online import Settings
+from sngr_utils.online import estimator, landmarks, localisation
+from sngr_utils.online.belief import Belief
+from sngr_utils.online.data_association import DROPPED
+from sngr_utils.online.estimator import Settings
 from sngr_utils.slam import isam2
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.world import simulation, variations
@@ -59,7 +60,7 @@ def run_variants(
     then graph_rmse (of iSAM2's graph) and filtered_rmse (of each pose when it was the newest),
     [m], p_found, miscredited (ranges
     credited to another landmark than they came from) and how often what was done, see
-    `online.OnlineEstimate`
+    `estimator.OnlineEstimate`
     """
     one = joblib.delayed(_variants_of_one)
     tasks = [one(scenario, conventions, settings, p, seed) for p in p_levels for seed in seeds]
@@ -82,7 +83,7 @@ def _judged(
     """What there is to say about one run."""
     before = time.thread_time()
     rng = np.random.default_rng([seed, STREAM])
-    found = online.run(the_world, conventions, settings, rng=rng)
+    found = estimator.run(the_world, conventions, settings, rng=rng)
     seconds = time.thread_time() - before
     truth = the_world.poses[:, :2]
     wrong = (found.used != DROPPED) & (found.used != the_world.source_of)
@@ -189,7 +190,7 @@ def film(
             frames.append(_frame(belief, conventions, rng=np.random.default_rng([seed, FILM, t])))
 
     rng = np.random.default_rng([seed, STREAM])
-    online.run(the_world, conventions, Settings(), watch, rng=rng)
+    estimator.run(the_world, conventions, Settings(), watch, rng=rng)
     return frames
 
 
@@ -198,9 +199,9 @@ def _frame(belief: Belief, conventions: Conventions, *, rng: np.random.Generator
     newest = data.pose_of == data.n_poses - 1
     clouds = {}
     for k in np.flatnonzero(np.isnan(belief.landmarks[:, 0])):
-        _, evidence = landmark_start.witnesses(belief, k, least=1)
+        _, evidence = landmarks.witnesses(belief, k, least=1)
         if evidence is not None:
-            cloud = place.sample(evidence, rng=rng)
+            cloud = localisation.sample(evidence, rng=rng)
             drawn = rng.choice(len(cloud.points), 300, p=cloud.weights / cloud.weights.sum())
             clouds[int(k)] = cloud.points[drawn]
     return Frame(

@@ -7,8 +7,9 @@ import gtsam
 import joblib
 import numpy as np
 
-from sngr_utils import compiled, contest, engines, estimators, mirror, online
+from sngr_utils import compiled, contest, engines, estimators, mirror
 from sngr_utils.nested import SamplerSettings
+from sngr_utils.online import estimator
 from sngr_utils.slam import conventions
 from sngr_utils.slam.selected_inverse import selected_inverse
 from sngr_utils.world import scenario, simulation
@@ -21,7 +22,9 @@ def compile_all(jobs: int = 2) -> None:
     """
     parts = (compile_samplers, compile_estimators)
     joblib.Parallel(n_jobs=jobs)(joblib.delayed(part)() for part in parts)
-    online.run(_small(), conventions.PRESETS["C"], online.Settings(), rng=np.random.default_rng(0))
+    estimator.run(
+        _small(), conventions.PRESETS["C"], estimator.Settings(), rng=np.random.default_rng(0)
+    )
 
 
 def compile_samplers() -> None:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sngr_utils import crediting
-from sngr_utils.crediting import DROPPED, Innovations
+from sngr_utils.online import data_association
+from sngr_utils.online.data_association import DROPPED, Innovations
 from sngr_utils.world import scenario, simulation
 
 SIGMA = 0.1
@@ -34,14 +34,14 @@ def innovations(squared, variance=0.01):
 
 def decide(data, found, used=None, p=0.2, exclusive=False, swap=True):
     used = data.label_of if used is None else np.array(used)
-    return crediting.decide(data, found, used, p, exclusive, swap)
+    return data_association.decide(data, found, used, p, exclusive, swap)
 
 
 # --- innovations ----------------------------------------------------------------------------
 
 
 def test_nowhere_is_the_last_column():
-    credit = crediting.nowhere(2, 3)
+    credit = data_association.nowhere(2, 3)
     assert credit.used.tolist() == [DROPPED, DROPPED]
     assert credit.weights.tolist() == [[0, 0, 0, 1]] * 2
 
@@ -50,7 +50,7 @@ def test_exact_innovations():
     data = scans([0, 1], pose_of=[0, 1], n_landmarks=2, ranges=[5.5, 3.0])
     poses = np.array([[1.0, 1.0, 0.4], [1.0, -3.0, 2.0]])
     landmarks = np.array([[4.0, 5.0], [np.nan, np.nan]])
-    found = crediting.exact(data, poses, landmarks)
+    found = data_association.exact(data, poses, landmarks)
     assert found.residuals[:, 0] == pytest.approx([0.5, 3.0 - np.hypot(3, 8)])
     assert found.variances[:, 0] == pytest.approx([0.01, 0.01])
     assert found.squared[0, 0] == pytest.approx(25)
@@ -87,7 +87,9 @@ def test_variance_of_a_range_not_in_the_graph_is_that_of_the_distance_and_the_no
     """First order: the gradient of the distance by differences, and the joint covariance."""
     poses, landmarks, covariance = joint
     data = scans([0, 1, 0], pose_of=[0, 0, 1], n_landmarks=2, ranges=[4.0, 4.5, 2.0])
-    found = crediting.innovations(data, poses, landmarks, np.full(3, DROPPED), blocks(covariance))
+    found = data_association.innovations(
+        data, poses, landmarks, np.full(3, DROPPED), blocks(covariance)
+    )
     for m, k in np.ndindex(3, 2):
         t = data.pose_of[m]
         ends = np.array([
@@ -108,7 +110,7 @@ def test_a_range_in_the_graph_is_predicted_without_itself(joint):
     poses, landmarks, covariance = joint
     data = scans([0, 1], n_landmarks=2, ranges=[4.0, 4.5])
     outside, inside = (
-        crediting.innovations(data, poses, landmarks, np.array(used), blocks(covariance))
+        data_association.innovations(data, poses, landmarks, np.array(used), blocks(covariance))
         for used in ([DROPPED, DROPPED], [0, DROPPED])
     )
     after, noise = outside.variances[0, 0] - SIGMA**2, SIGMA**2
@@ -126,7 +128,9 @@ def test_a_range_that_alone_holds_its_place_says_nothing_of_it(joint):
     """As much variance as the noise, or more by rounding: a vague prediction, no negative one."""
     poses, landmarks, covariance = joint
     data = scans([0], n_landmarks=2, ranges=[4.0])
-    found = crediting.innovations(data, poses, landmarks, np.array([0]), blocks(1e3 * covariance))
+    found = data_association.innovations(
+        data, poses, landmarks, np.array([0]), blocks(1e3 * covariance)
+    )
     assert found.variances[0, 0] > 100 * SIGMA**2
 
 
@@ -247,11 +251,11 @@ def test_what_no_known_landmark_explains_came_from_one_that_is_not_in_the_map():
 def test_log_weights_are_prior_times_density():
     data = scans([0, 1], ranges=[5.0, 7.0])
     found = innovations([[1.0, 4.0, np.nan], [9.0, 0.0, np.nan]], variance=0.04)
-    logs = crediting.log_weights(data, found, 0.3)
+    logs = data_association.log_weights(data, found, 0.3)
     density = stats.norm.pdf(np.sqrt(found.squared[:, :2] * 0.04), 0, 0.2)
     prior = np.array([[0.7, 0.15], [0.15, 0.7]])
     assert np.exp(logs[:, :2]) == pytest.approx(prior * density)
     assert np.isneginf(logs[:, 2]).all()
     assert np.exp(logs[:, 3]) == pytest.approx(0.15 / 7)
-    everywhere = crediting.log_weights(data, innovations(np.ones((2, 3))), 0.3)
+    everywhere = data_association.log_weights(data, innovations(np.ones((2, 3))), 0.3)
     assert np.isneginf(everywhere[:, 3]).all()

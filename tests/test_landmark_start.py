@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 from test_crediting import SIGMA, scans
 
-from sngr_utils import landmark_start, place
-from sngr_utils.crediting import DROPPED, Credit
+from sngr_utils import place
+from sngr_utils.online import landmarks as landmarks_module
+from sngr_utils.online import localisation
+from sngr_utils.online.data_association import DROPPED, Credit
+from sngr_utils.online.landmarks import _locate, drop_landmarks, start_landmarks, witnesses
 
 
 class Believed(SimpleNamespace):
@@ -47,7 +50,7 @@ def waiting():
 def test_witnesses_are_the_free_ranges_that_the_label_leaves_a_fair_chance(waiting):
     """Of the weight on "not in the map", the prior 0.7 to 0.15 gives landmark 0 most of its own
     label's ranges and 0.8 * 0.15 / 0.85 = 0.14, less than a fifth, of those of landmark 2."""
-    mine, evidence = landmark_start.witnesses(waiting, 0)
+    mine, evidence = witnesses(waiting, 0)
     assert mine.tolist() == [0, 3, 6, 9, 12, 15]
     assert evidence.wrong == pytest.approx(1 - 0.9 * 0.7 / 0.85)
     assert evidence.anchors.tolist() == waiting.poses[:, :2].tolist()
@@ -63,38 +66,38 @@ def test_a_range_of_another_label_is_a_witness_from_a_fifth_on(waiting, elsewher
     """At p = 0.4 the two that wait share it as 0.2 to 0.6, and 0.8 of that is a fifth."""
     waiting.p = 0.4
     waiting.credit.weights[2, -1] = 1.15 * elsewhere
-    mine, _ = landmark_start.witnesses(waiting, 0)
+    mine, _ = witnesses(waiting, 0)
     assert (2 in mine) == heard
 
 
 def test_ranges_credited_to_a_landmark_are_no_witnesses(waiting):
     waiting.credit.used[3] = 1
-    mine, _ = landmark_start.witnesses(waiting, 0)
+    mine, _ = witnesses(waiting, 0)
     assert mine.tolist() == [0, 6, 9, 12, 15]
 
 
 @pytest.mark.parametrize(("poses", "enough"), [(3, False), (4, True)])
 def test_witnesses_of_four_poses_are_needed(waiting, poses, enough):
     waiting.credit.used[3 * poses :] = 1
-    mine, evidence = landmark_start.witnesses(waiting, 0)
+    mine, evidence = witnesses(waiting, 0)
     assert len(mine) == poses
     assert (evidence is not None) == enough
-    assert landmark_start.witnesses(waiting, 0, least=3)[1] is not None
+    assert witnesses(waiting, 0, least=3)[1] is not None
 
 
 # --- starting -------------------------------------------------------------------------------
 
 
 def test_a_landmark_starts_where_it_is_located_with_the_ranges_that_fit(waiting, monkeypatch):
-    mode, asked = place.Mode(np.array([1.0, 2.0]), np.eye(2), 0.95), []
+    mode, asked = localisation.Mode(np.array([1.0, 2.0]), np.eye(2), 0.95), []
 
     def locate(belief, evidence, by_nested, rng):
         asked.append(by_nested)
         return mode if len(asked) == 1 else None
 
-    monkeypatch.setattr(landmark_start, "_locate", locate)
+    monkeypatch.setattr(landmarks_module, "_locate", locate)
     rng = np.random.default_rng(0)
-    landmark_start.start_landmarks(waiting, True, True, rng=rng)
+    start_landmarks(waiting, True, True, rng=rng)
     assert asked == [True, True]  # landmarks 0 and 2; 1 is in the map
     assert waiting.inserted[0] == 0
     assert waiting.inserted[1] is mode.mean
@@ -111,9 +114,9 @@ def test_no_question_without_something_new_to_see(waiting, monkeypatch):
     waiting.credit.used[15] = 1
     seen = []
     monkeypatch.setattr(
-        landmark_start, "_locate", lambda belief, evidence, *_: seen.append(evidence.ranges[0])
+        landmarks_module, "_locate", lambda belief, evidence, *_: seen.append(evidence.ranges[0])
     )
-    landmark_start.start_landmarks(waiting, True, True, rng=np.random.default_rng(0))
+    start_landmarks(waiting, True, True, rng=np.random.default_rng(0))
     assert seen == [pytest.approx(3.2)]
 
 
@@ -125,9 +128,9 @@ def test_without_delay_three_poses_do(waiting):
     ranges = np.linalg.norm(waiting.poses[:, :2] - spot, axis=1)[[0, 1, 1, 2]]
     waiting.data = scans([0, 0, 0, 0], pose_of=[0, 1, 1, 2], ranges=ranges - [0, 0, 1, 0])
     waiting.credit = Credit(np.full(4, DROPPED), np.tile([0.0, 0, 0, 1], (4, 1)))
-    landmark_start.start_landmarks(waiting, False, True, rng=np.random.default_rng(0))
+    start_landmarks(waiting, False, True, rng=np.random.default_rng(0))
     assert not hasattr(waiting, "inserted")
-    landmark_start.start_landmarks(waiting, False, False, rng=np.random.default_rng(0))
+    start_landmarks(waiting, False, False, rng=np.random.default_rng(0))
     k, position, _ = waiting.inserted
     assert k == 0
     mode = waiting.fitted[2]
@@ -146,15 +149,13 @@ def arc(n, angle, spot, noise=0.0):
 
 
 def test_a_mirror_image_makes_it_wait_without_a_question(waiting):
-    found = landmark_start._locate(waiting, arc(5, 0.1, [1.0, 2.0]), True, np.random.default_rng(0))
+    found = _locate(waiting, arc(5, 0.1, [1.0, 2.0]), True, np.random.default_rng(0))
     assert found is None
     assert waiting.counts == {"mirror waits": 1}
 
 
 def test_one_place_is_found_by_many_starts(waiting):
-    found = landmark_start._locate(
-        waiting, arc(12, 3.0, [1.0, 2.0]), True, np.random.default_rng(0)
-    )
+    found = _locate(waiting, arc(12, 3.0, [1.0, 2.0]), True, np.random.default_rng(0))
     assert found.mean == pytest.approx([1.0, 2.0], abs=0.05)
     assert found.mass > 0.99
     assert waiting.counts == {"landmark questions": 1}
@@ -166,24 +167,24 @@ def test_nine_tenths_of_the_posterior_in_one_mode_are_a_place(
     waiting, monkeypatch, mass, kept, sound
 ):
     """What many starts say is a start already if their weights are sound; else the referee's is."""
-    lone = place.Mode(np.zeros(2), np.eye(2), 0.95)
-    mode = place.Mode(np.ones(2), np.eye(2), mass)
-    monkeypatch.setattr(place, "mirrored", lambda evidence: False)
-    monkeypatch.setattr(place, "many_starts", lambda evidence, rng: ("starts", sound))
-    monkeypatch.setattr(place, "sample", lambda evidence, rng: "nested")
+    lone = localisation.Mode(np.zeros(2), np.eye(2), 0.95)
+    mode = localisation.Mode(np.ones(2), np.eye(2), mass)
+    monkeypatch.setattr(localisation, "mirrored", lambda evidence: False)
+    monkeypatch.setattr(localisation, "many_starts", lambda evidence, rng: ("starts", sound))
+    monkeypatch.setattr(localisation, "sample", lambda evidence, rng: "nested")
     answers = {"starts": mode if sound else lone, "nested": mode}
-    monkeypatch.setattr(place, "modes", lambda cloud, evidence: [answers[cloud], lone])
-    found = landmark_start._locate(waiting, "evidence", True, np.random.default_rng(0))
+    monkeypatch.setattr(localisation, "modes", lambda cloud, evidence: [answers[cloud], lone])
+    found = _locate(waiting, "evidence", True, np.random.default_rng(0))
     assert found is (mode if kept else None)
     assert waiting.counts["landmark samples"] == (not sound)
 
 
 def test_the_referee_is_not_asked_about_a_landmark_that_would_wait_anyway(waiting, monkeypatch):
-    vague = place.Mode(np.zeros(2), np.eye(2), 0.9)
-    monkeypatch.setattr(place, "mirrored", lambda evidence: False)
-    monkeypatch.setattr(place, "many_starts", lambda evidence, rng: ("starts", False))
-    monkeypatch.setattr(place, "modes", lambda cloud, evidence: [vague])
-    assert landmark_start._locate(waiting, "evidence", True, np.random.default_rng(0)) is None
+    vague = localisation.Mode(np.zeros(2), np.eye(2), 0.9)
+    monkeypatch.setattr(localisation, "mirrored", lambda evidence: False)
+    monkeypatch.setattr(localisation, "many_starts", lambda evidence, rng: ("starts", False))
+    monkeypatch.setattr(localisation, "modes", lambda cloud, evidence: [vague])
+    assert _locate(waiting, "evidence", True, np.random.default_rng(0)) is None
     assert waiting.counts == {"landmark questions": 1}
 
 
@@ -202,7 +203,7 @@ def test_a_landmark_used_by_less_than_half_of_its_right_labels_is_taken_out(labe
         landmarks=np.array([[np.nan, np.nan], [0.0, 0.0], [1.0, 1.0]]),
         credit=Credit(credit, None),
     )  # fmt: skip
-    landmark_start.drop_landmarks(state)
+    drop_landmarks(state)
     assert state.removed == ([1] if out else [])
     assert state.counts["landmark restarts"] == out
 
@@ -212,6 +213,6 @@ def test_uses_by_ranges_of_other_labels_do_not_count():
         data=scans([1] * 10 + [0] * 10), p=0.0, counts=Counter(), removed=[],
         landmarks=np.zeros((3, 2)), credit=Credit(np.array([0] * 10 + [1] * 10), None),
     )  # fmt: skip
-    landmark_start.drop_landmarks(state)
+    drop_landmarks(state)
     assert state.removed == [0, 1]
     assert state.counts["landmark restarts"] == 2

@@ -6,24 +6,16 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L
 
-from sngr_utils import (
-    belief,
-    crediting,
-    estimators,
-    landmark_start,
-    odometry_doubt,
-    online,
-    online_study,
-    place,
-    smoother,
-)
+from sngr_utils import estimators, online_study, place
 from sngr_utils.metrics import rmse_and_nees
+from sngr_utils.online import belief, data_association, estimator, localisation, slips, smoother
+from sngr_utils.online.landmarks import _locate, drop_landmarks
 from sngr_utils.robust import losses, mutual_exclusion
 from sngr_utils.slam import conventions, selected_inverse
 from sngr_utils.world import scenario, simulation, variations
 
 C = conventions.PRESETS["C"]
-WHOLE = online.Settings()
+WHOLE = estimator.Settings()
 SHORT = scenario.Scenario(n_poses=12)
 
 
@@ -32,7 +24,7 @@ def make(p, seed=100):
 
 
 def run(drawn, settings=WHOLE, watch=None):
-    return online.run(drawn, C, settings, watch, rng=np.random.default_rng(0))
+    return estimator.run(drawn, C, settings, watch, rng=np.random.default_rng(0))
 
 
 def rmse(found, drawn):
@@ -129,20 +121,20 @@ def test_wrong_labels_are_found_out(seed):
 
 def test_variants_change_what_their_name_says():
     settings = online_study.variants(nets=False)
-    assert settings["no second look"] == online.Settings(sweep=False, restart=False, soft=False)
+    assert settings["no second look"] == estimator.Settings(sweep=False, restart=False, soft=False)
     assert online_study.variants(nets=True)[online_study.NAME] == WHOLE
 
 
 def test_drop_only_swaps_nothing():
     drawn = make(0.3)
-    found = run(drawn, online.Settings(swap=False))
-    kept = found.used != crediting.DROPPED
+    found = run(drawn, estimator.Settings(swap=False))
+    kept = found.used != data_association.DROPPED
     assert np.array_equal(found.used[kept], drawn.label_of[kept])
     assert found.counts["swapped"] == 0 < found.counts["dropped"]
 
 
 def test_without_nested_sampling_none_is_run():
-    found = run(make(0.3), online.Settings(nested=False))
+    found = run(make(0.3), estimator.Settings(nested=False))
     assert found.counts["landmark samples"] == found.counts["position samples"] == 0
     assert found.counts["landmark questions"] > 0
 
@@ -158,18 +150,18 @@ def test_the_referee_is_asked_where_a_landmark_would_start_on_weights_that_are_n
     evidence = place.Evidence(
         positions, ranges, np.full(12, 0.01), np.full(12, 0.1), 10.0, np.zeros(2), 8.0
     )
-    here, _ = place.many_starts(evidence, rng=np.random.default_rng(0))
-    monkeypatch.setattr(place, "many_starts", lambda evidence, rng: (here, sound))
+    here, _ = localisation.many_starts(evidence, rng=np.random.default_rng(0))
+    monkeypatch.setattr(localisation, "many_starts", lambda evidence, rng: (here, sound))
     scattered = replace(here, points=here.points + np.linspace(-3, 3, len(here.points))[:, None])
-    monkeypatch.setattr(place, "sample", lambda evidence, rng: scattered)
+    monkeypatch.setattr(localisation, "sample", lambda evidence, rng: scattered)
     drawn = belief.Belief(make(0.0).first(1), C)
-    found = landmark_start._locate(drawn, evidence, referee, np.random.default_rng(0))
+    found = _locate(drawn, evidence, referee, np.random.default_rng(0))
     assert drawn.counts["landmark samples"] == asked
     assert (found is None) == bool(asked)
 
 
 def test_p_can_be_held():
-    assert run(make(0.2).first(10), online.Settings(p=0.1)).p == 0.1
+    assert run(make(0.2).first(10), estimator.Settings(p=0.1)).p == 0.1
 
 
 def test_a_slip_is_noticed_and_survived():
@@ -221,14 +213,14 @@ def test_innovations_leave_out_the_range_itself():
     found = state.innovations(state.covariance())
     for m in (5, 31, 70):
         without = used.copy()
-        without[m] = crediting.DROPPED
-        state.credit = crediting.Credit(without, state.credit.weights)
-        fewer = crediting.innovations(
+        without[m] = data_association.DROPPED
+        state.credit = data_association.Credit(without, state.credit.weights)
+        fewer = data_association.innovations(
             data, state.poses, state.landmarks, without, state.covariance()
         )
         k = used[m]
         assert found.variances[m, k] == pytest.approx(fewer.variances[m, k], rel=1e-6)
-    state.credit = crediting.Credit(used, state.credit.weights)
+    state.credit = data_association.Credit(used, state.credit.weights)
 
 
 def test_a_lonely_range_goes_to_the_landmark_that_explains_it():
@@ -241,19 +233,19 @@ def test_a_lonely_range_goes_to_the_landmark_that_explains_it():
     label_of[m] = other
     relabelled = replace(data, label_of=label_of)
     for exclusive in (False, True):
-        credit = crediting.decide(relabelled, found, state.credit.used, 0.1, exclusive, True)
+        credit = data_association.decide(relabelled, found, state.credit.used, 0.1, exclusive, True)
         assert credit.used[m] == data.label_of[m]
         assert credit.weights[m].sum() == pytest.approx(1)
-    kept = crediting.decide(relabelled, found, state.credit.used, 0.1, True, False)
-    assert kept.used[m] == crediting.DROPPED
+    kept = data_association.decide(relabelled, found, state.credit.used, 0.1, True, False)
+    assert kept.used[m] == data_association.DROPPED
 
 
 def test_a_vague_prediction_credits_nothing():
     state = believed()
     found = state.innovations(state.covariance())
     vague = replace(found, variances=found.variances + 1.0)
-    credit = crediting.decide(state.data, vague, state.credit.used, 0.1, True, True)
-    assert (credit.used == crediting.DROPPED).all()
+    credit = data_association.decide(state.data, vague, state.credit.used, 0.1, True, True)
+    assert (credit.used == data_association.DROPPED).all()
 
 
 def test_share_wrong_is_the_mean_of_a_beta_posterior():
@@ -262,15 +254,15 @@ def test_share_wrong_is_the_mean_of_a_beta_posterior():
     weights[np.arange(6), data.label_of] = [1, 1, 1, 0.5, 0, 0]
     landmarks = np.zeros((6, 2))
     landmarks[5] = np.nan  # absent: its range is not judged
-    credit = crediting.Credit(data.label_of, weights)
-    assert crediting.share_wrong(data, credit, landmarks, (2, 8)) == pytest.approx(3.5 / 15)
+    credit = data_association.Credit(data.label_of, weights)
+    assert data_association.share_wrong(data, credit, landmarks, (2, 8)) == pytest.approx(3.5 / 15)
 
 
 def test_a_landmark_in_the_wrong_place_is_taken_out():
     state = believed()
-    used = np.where(state.credit.used == 2, crediting.DROPPED, state.credit.used)
+    used = np.where(state.credit.used == 2, data_association.DROPPED, state.credit.used)
     state.use(used)
-    landmark_start.drop_landmarks(state)
+    drop_landmarks(state)
     assert np.isnan(state.landmarks[2]).all()
     assert np.isfinite(state.landmarks[[0, 1, 3, 4, 5]]).all()
     assert state.counts["landmark restarts"] == 1
@@ -278,10 +270,10 @@ def test_a_landmark_in_the_wrong_place_is_taken_out():
 
 def test_a_step_that_the_estimate_contradicts_is_widened():
     state = believed()
-    odometry_doubt.doubt_steps(state)
+    slips.doubt_steps(state)
     assert not state.slipped
     state.data = replace(state.data, odometry=state.data.odometry + [[0.5, 0, 0]] * 12)
-    odometry_doubt.doubt_steps(state)
+    slips.doubt_steps(state)
     assert state.slipped
     sigmas = state.step(min(state.slipped)).noiseModel().sigmas()
     assert sigmas == pytest.approx([belief.SLIP_SIGMA, belief.SLIP_SIGMA, 0.01])
@@ -317,7 +309,7 @@ def test_two_ranges_that_fit_one_landmark_only_do_not_underflow():
 
 
 def test_study_has_every_variant_in_any_order():
-    settings = {online_study.NAME: WHOLE, "hard": online.Settings(soft=False)}
+    settings = {online_study.NAME: WHOLE, "hard": estimator.Settings(soft=False)}
     frame = online_study.run_variants(SHORT, C, settings, [0.2], [100, 101], 1)
     assert list(frame["method"]) == [online_study.NAME, "hard"] * 2
     alone = online_study.run_variants(SHORT, C, settings, [0.2], [101], 1)
@@ -345,9 +337,9 @@ def test_film_stops_where_it_is_told():
 
 def test_bad_settings_are_refused():
     with pytest.raises(ValueError, match="p"):
-        online.Settings(p=1.5)
+        estimator.Settings(p=1.5)
     with pytest.raises(ValueError, match="nested"):
-        online.Settings(nested="grid")
+        estimator.Settings(nested="grid")
     many = simulation.simulate(scenario.Scenario(n_landmarks=15), 0.2, rng=np.random.default_rng(0))
     with pytest.raises(ValueError, match="n_landmarks is 15"):
         run(many)

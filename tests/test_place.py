@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from sngr_utils import compiled, mirror, place
+from sngr_utils.online import localisation
 from sngr_utils.world import dead_reckoning, scenario, simulation
 
 
@@ -39,7 +40,7 @@ def grid(evidence, cells=200, reach=1.5):
     log_densities -= 0.5 * np.sum(xi**2, axis=1) / evidence.sigma**2
     total = np.logaddexp.reduce(log_densities)
     norm = np.log(step**2 / (2 * np.pi * evidence.sigma**2))
-    return place.Posterior(
+    return localisation.Posterior(
         xi + evidence.centre,
         np.exp(log_densities - total),
         log_densities,
@@ -78,7 +79,7 @@ def test_masses_are_those_of_a_fine_grid(n_poses):
         reference = grid(evidence, 400)
         expected = masses_of(reference, evidence)
         runs = [
-            masses_of(place.sample(evidence, rng=np.random.default_rng([i, r])), evidence)
+            masses_of(localisation.sample(evidence, rng=np.random.default_rng([i, r])), evidence)
             for r in range(40)
         ]
         side, first = np.mean(runs, axis=0)
@@ -99,10 +100,10 @@ def test_masses_of_many_starts_are_those_of_a_fine_grid_where_they_call_themselv
         reference = grid(evidence, 600)
         expected, runs = masses_of(reference, evidence), []
         for r in range(20):
-            cloud, trusted = place.many_starts(evidence, rng=np.random.default_rng([i, r]))
+            cloud, trusted = localisation.many_starts(evidence, rng=np.random.default_rng([i, r]))
             if trusted:
                 runs.append([*masses_of(cloud, evidence), cloud.log_evidence])
-        assert place.mirrored(evidence) or len(runs) > 10
+        assert localisation.mirrored(evidence) or len(runs) > 10
         if len(runs) <= 10:
             continue
         side, first, log_evidence = np.mean(runs, axis=0)
@@ -114,9 +115,9 @@ def test_masses_of_many_starts_are_those_of_a_fine_grid_where_they_call_themselv
 
 def test_starts_are_apart_and_the_likeliest_first():
     evidence = next(evidence_of(100, 6))
-    starts = place.starts(evidence, 8)
+    starts = localisation.crossing_starts(evidence, 8)
     distances = np.linalg.norm(starts[:, None] - starts, axis=2)[np.triu_indices(len(starts), 1)]
-    assert distances.min() > place.START_APART * np.sqrt(evidence.variances.min())
+    assert distances.min() > localisation.START_APART * np.sqrt(evidence.variances.min())
     heights = [
         compiled.log_likelihood(evidence.factors, spot - evidence.centre)
         - 0.5 * np.sum((spot - evidence.centre) ** 2) / evidence.sigma**2
@@ -129,7 +130,7 @@ def masses_of(cloud, evidence):
     """Share of a cloud on one side of the track, and of its first mode."""
     centre, normal = mirror.trajectory_line(evidence.anchors)
     side = cloud.weights[(cloud.points - centre) @ normal > 0].sum()
-    return side / cloud.weights.sum(), place.modes(cloud, evidence)[0].mass
+    return side / cloud.weights.sum(), localisation.modes(cloud, evidence)[0].mass
 
 
 def test_a_straight_line_leaves_two_modes_of_one_half_each():
@@ -138,12 +139,12 @@ def test_a_straight_line_leaves_two_modes_of_one_half_each():
     evidence = place.Evidence(
         positions, ranges, np.full(5, 0.01), np.full(5, 0.1), 10.0, positions.mean(axis=0), 5.0
     )
-    for cloud in (grid(evidence), place.sample(evidence, rng=np.random.default_rng(0))):
-        first, second = place.modes(cloud, evidence)[:2]
+    for cloud in (grid(evidence), localisation.sample(evidence, rng=np.random.default_rng(0))):
+        first, second = localisation.modes(cloud, evidence)[:2]
         assert first.mass + second.mass > 0.95
         assert first.mass == pytest.approx(0.5, abs=0.15)
         assert sorted([first.mean[1], second.mean[1]]) == pytest.approx([-4, 4], abs=0.2)
-    assert place.mirrored(evidence)
+    assert localisation.mirrored(evidence)
 
 
 def test_a_circle_around_a_landmark_leaves_one():
@@ -153,18 +154,20 @@ def test_a_circle_around_a_landmark_leaves_one():
     evidence = place.Evidence(
         positions, ranges, np.full(12, 0.01), np.full(12, 0.1), 10.0, np.zeros(2), 8.0
     )
-    best = place.modes(place.sample(evidence, rng=np.random.default_rng(0)), evidence)[0]
+    best = localisation.modes(
+        localisation.sample(evidence, rng=np.random.default_rng(0)), evidence
+    )[0]
     assert best.mass > 0.98
     assert best.mean == pytest.approx([1.0, 2.0], abs=0.1)
-    assert not place.mirrored(evidence)
-    assert place.starts(evidence, 1)[0] == pytest.approx([1.0, 2.0], abs=0.02)
-    assert place.fitting(evidence, best.mean, evidence.variances).sum() == 11
+    assert not localisation.mirrored(evidence)
+    assert localisation.crossing_starts(evidence, 1)[0] == pytest.approx([1.0, 2.0], abs=0.02)
+    assert localisation.fitting(evidence, best.mean, evidence.variances).sum() == 11
 
 
 def test_rough_evidence_is_right_to_a_few_nats():
     for evidence in evidence_of(101, 12):
         exact = grid(evidence, 600).log_evidence
-        assert place.rough_evidence(evidence) == pytest.approx(exact, abs=3.0)
+        assert localisation.rough_evidence(evidence) == pytest.approx(exact, abs=3.0)
 
 
 def test_bad_evidence_is_refused():

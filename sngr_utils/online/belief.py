@@ -9,12 +9,13 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
 
-from sngr_utils import crediting, place
-from sngr_utils.crediting import DROPPED, Credit
+from sngr_utils import place
+from sngr_utils.online import data_association, localisation
+from sngr_utils.online.data_association import DROPPED, Credit
+from sngr_utils.online.smoother import Smoother
 from sngr_utils.slam import selected_inverse, solution
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.factors import landmark_prior, odometry_factor, pose_prior, range_factor
-from sngr_utils.smoother import Smoother
 from sngr_utils.world.dead_reckoning import dead_reckoning
 from sngr_utils.world.simulation import World
 
@@ -34,14 +35,14 @@ class Belief:
     credit : to what each of the M ranges is credited, and the posterior of its source
     p : share of wrong labels, estimated
     slipped : steps of the odometry that are not trusted
-    counts : what was done how often, see `online.OnlineEstimate`
+    counts : what was done how often, see `estimator.OnlineEstimate`
     """
 
     def __init__(self, data: World, conventions: Conventions) -> None:
         self.data, self.conventions, self.smoother = data, conventions, Smoother()
         self.poses = data.x0_mean[None].copy()
         self.landmarks = np.full((data.n_landmarks, 2), np.nan)
-        self.credit = crediting.nowhere(len(data.ranges), data.n_landmarks)
+        self.credit = data_association.nowhere(len(data.ranges), data.n_landmarks)
         self.p = P_PRIOR[0] / sum(P_PRIOR)
         self.slipped: set[int] = set()
         self.counts: Counter = Counter()
@@ -53,7 +54,7 @@ class Belief:
     def predict(self, data: World) -> None:
         """Take the data of one pose more; the pose is predicted and not yet in the graph."""
         newest = dead_reckoning(self.poses[-1], data.odometry[-1:])[-1]
-        fresh = crediting.nowhere(len(data.ranges) - len(self.data.ranges), data.n_landmarks)
+        fresh = data_association.nowhere(len(data.ranges) - len(self.data.ranges), data.n_landmarks)
         self.credit = Credit(
             np.append(self.credit.used, fresh.used),
             np.vstack([self.credit.weights, fresh.weights]),
@@ -165,9 +166,11 @@ class Belief:
             range_sigma=s.range_sigma,
         )  # fmt: skip
 
-    def innovations(self, covariance: selected_inverse.ChainCovariance) -> crediting.Innovations:
+    def innovations(
+        self, covariance: selected_inverse.ChainCovariance
+    ) -> data_association.Innovations:
         """Innovations of all ranges at the estimate that has `covariance`."""
-        return crediting.innovations(
+        return data_association.innovations(
             self.data, self.poses, self.landmarks, self.credit.used, covariance
         )
 
@@ -176,13 +179,13 @@ class Belief:
 
         Without the weak priors on landmarks, which sit where each estimate started.
         """
-        exact = crediting.exact(self.data, poses, landmarks)
-        fit = np.logaddexp.reduce(crediting.log_weights(self.data, exact, self.p), axis=1)
+        exact = data_association.exact(self.data, poses, landmarks)
+        fit = np.logaddexp.reduce(data_association.log_weights(self.data, exact, self.p), axis=1)
         sure = self.smoother.factors("x0", "odometry")
         return sure.error(solution.values_of(poses, landmarks)) - float(fit.sum())
 
     def credit_fitting(
-        self, m: np.ndarray, k: np.ndarray, mode: place.Mode, evidence: place.Evidence
+        self, m: np.ndarray, k: np.ndarray, mode: localisation.Mode, evidence: place.Evidence
     ) -> np.ndarray:
         """(M,) credits with those pairs of a range and a landmark that fit a mode.
 
@@ -193,7 +196,7 @@ class Belief:
         units = mode.mean - evidence.anchors
         units /= np.linalg.norm(units, axis=1)[:, None]
         spread = np.sum(units @ mode.covariance * units, axis=1)
-        fit = place.fitting(evidence, mode.mean, evidence.variances + spread)
+        fit = localisation.fitting(evidence, mode.mean, evidence.variances + spread)
         pairs = np.column_stack([self.data.pose_of[m], k])
         _, first = np.unique(pairs[fit], axis=0, return_index=True)  # a landmark once in a scan
         used = self.credit.used.copy()

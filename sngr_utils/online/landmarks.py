@@ -8,8 +8,9 @@ landmark on weights that are not sound, nested sampling is the referee.
 import numpy as np
 
 from sngr_utils import place
-from sngr_utils.belief import Belief
-from sngr_utils.crediting import DROPPED
+from sngr_utils.online import localisation
+from sngr_utils.online.belief import Belief
+from sngr_utils.online.data_association import DROPPED
 from sngr_utils.robust import association
 from sngr_utils.slam import landmark_starts
 
@@ -44,26 +45,26 @@ def start_landmarks(
 
 def _locate(
     belief: Belief, evidence: place.Evidence, by_nested: bool, rng: np.random.Generator
-) -> place.Mode | None:
+) -> localisation.Mode | None:
     """The place that holds nearly all of the posterior, if there is one."""
-    if place.mirrored(evidence):
+    if localisation.mirrored(evidence):
         belief.counts["mirror waits"] += 1
         return None
     belief.counts["landmark questions"] += 1
-    cloud, sound = place.many_starts(evidence, rng=rng)
-    best = place.modes(cloud, evidence)[0]
-    if by_nested and not sound and best.mass > place.ENOUGH_MASS:
+    cloud, sound = localisation.many_starts(evidence, rng=rng)
+    best = localisation.modes(cloud, evidence)[0]
+    if by_nested and not sound and best.mass > localisation.ENOUGH_MASS:
         belief.counts["landmark samples"] += 1
-        best = place.modes(place.sample(evidence, rng=rng), evidence)[0]
-    return best if best.mass > place.ENOUGH_MASS else None
+        best = localisation.modes(localisation.sample(evidence, rng=rng), evidence)[0]
+    return best if best.mass > localisation.ENOUGH_MASS else None
 
 
-def _first_poses(evidence: place.Evidence) -> place.Mode | None:
+def _first_poses(evidence: place.Evidence) -> localisation.Mode | None:
     """Least squares on the ranges of the first three poses, as `isam2.run_isam2` starts it."""
     _, first = np.unique(evidence.anchors, axis=0, return_index=True)
     few = np.sort(first)[: landmark_starts.START_AFTER]
     position = landmark_starts.start_landmark(evidence.anchors[few], evidence.ranges[few])
-    return place.Mode(position, np.eye(2), 1.0) if np.isfinite(position).all() else None
+    return localisation.Mode(position, np.eye(2), 1.0) if np.isfinite(position).all() else None
 
 
 def witnesses(

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sngr_utils import crediting, landmark_start, odometry_doubt
-from sngr_utils.belief import P_PRIOR, SURE, Belief
-from sngr_utils.crediting import DROPPED
+from sngr_utils.online import data_association, slips
+from sngr_utils.online.belief import P_PRIOR, SURE, Belief
+from sngr_utils.online.data_association import DROPPED
+from sngr_utils.online.landmarks import drop_landmarks, start_landmarks
 from sngr_utils.robust import em, louis_covariance
 from sngr_utils.settings import Checked, Probability
 from sngr_utils.slam import landmark_starts
@@ -136,17 +137,17 @@ class Online:
         belief, settings = self.belief, self.settings
         belief.predict(data)
         if settings.doubt_odometry:
-            odometry_doubt.find_robot(belief, settings.nested, rng=self.rng)
+            slips.find_robot(belief, settings.nested, rng=self.rng)
         belief.confirm()
         self._credit(newest_only=not settings.sweep)
-        landmark_start.start_landmarks(belief, settings.nested, settings.delayed, rng=self.rng)
+        start_landmarks(belief, settings.nested, settings.delayed, rng=self.rng)
         if settings.sweep:
             for _ in range(SWEEPS):
                 if not self._credit():
                     break
         if settings.doubt_odometry:
-            odometry_doubt.doubt_steps(belief)
-        landmark_start.drop_landmarks(belief)
+            slips.doubt_steps(belief)
+        drop_landmarks(belief)
         if settings.restart and self._in_trouble():
             self._restart()
 
@@ -156,16 +157,16 @@ class Online:
         if np.isnan(belief.landmarks).all():
             return False
         found = belief.innovations(belief.covariance())
-        credit = crediting.decide(
+        credit = data_association.decide(
             belief.data, found, belief.credit.used, belief.p, settings.exclusive, settings.swap
         )
         if settings.p is None:
-            belief.p = crediting.share_wrong(belief.data, credit, belief.landmarks, P_PRIOR)
+            belief.p = data_association.share_wrong(belief.data, credit, belief.landmarks, P_PRIOR)
         used = credit.used
         if newest_only:
             newest = belief.data.pose_of == belief.data.n_poses - 1
             used = np.where(newest, used, belief.credit.used)
-        belief.credit = crediting.Credit(belief.credit.used, credit.weights)
+        belief.credit = data_association.Credit(belief.credit.used, credit.weights)
         return belief.use(used)
 
     def _in_trouble(self) -> bool:
@@ -201,7 +202,7 @@ class Online:
             return
         belief.counts["batch restarts"] += 1
         best = np.argmax(found.responsibilities, axis=1)
-        good = found.responsibilities.max(axis=1) > crediting.RESOLVED
+        good = found.responsibilities.max(axis=1) > data_association.RESOLVED
         if not settings.swap:
             good &= best == data.label_of
         belief.rebuild(found.poses, found.landmarks, np.where(good, best, DROPPED))

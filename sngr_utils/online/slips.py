@@ -9,8 +9,9 @@ the referee where their weights are not sound.
 import numpy as np
 from scipy import stats
 
-from sngr_utils import crediting, place
-from sngr_utils.belief import SLIP_SIGMA, Belief
+from sngr_utils import place
+from sngr_utils.online import data_association, localisation
+from sngr_utils.online.belief import SLIP_SIGMA, Belief
 from sngr_utils.robust import association
 
 SLIP_ODDS = np.log(100.0)  # nats that a slip must gain: one step in a hundred slips
@@ -33,8 +34,8 @@ def find_robot(belief: Belief, by_nested: bool, *, rng: np.random.Generator) -> 
     covariance = belief.covariance()
     found = belief.innovations(covariance)
     sigma = np.sqrt(np.trace(covariance.poses[-1][:2, :2]) / 2)
-    fit = found.squared[scan, data.label_of[scan]] < crediting.GATE
-    lost = sigma > crediting.VAGUE
+    fit = found.squared[scan, data.label_of[scan]] < data_association.GATE
+    lost = sigma > data_association.VAGUE
     if not lost and np.mean(fit) >= 0.5:
         return
     m, k = (grid.ravel() for grid in np.meshgrid(scan, np.flatnonzero(known), indexing="ij"))
@@ -46,19 +47,19 @@ def find_robot(belief: Belief, by_nested: bool, *, rng: np.random.Generator) -> 
     )  # fmt: skip
     here = np.exp(-0.5 * found.squared[m, k]) / np.sqrt(2 * np.pi * found.variances[m, k])
     trusted = np.log(prior * here + (1 - prior) / data.ranges.max()).sum()
-    if not lost and place.rough_evidence(evidence) - trusted < SLIP_ODDS - ROUGH:
+    if not lost and localisation.rough_evidence(evidence) - trusted < SLIP_ODDS - ROUGH:
         return
     belief.counts["position questions"] += 1
-    cloud, sound = place.many_starts(evidence, rng=rng)
+    cloud, sound = localisation.many_starts(evidence, rng=rng)
     if by_nested and not sound:
         belief.counts["position samples"] += 1
-        cloud = place.sample(evidence, rng=rng)
+        cloud = localisation.sample(evidence, rng=rng)
     if not lost:
         if cloud.log_evidence - trusted < SLIP_ODDS:
             return
         belief.slipped.add(t - 1)
-    best = place.modes(cloud, evidence)[0]
-    if best.mass > place.ENOUGH_MASS:
+    best = localisation.modes(cloud, evidence)[0]
+    if best.mass > localisation.ENOUGH_MASS:
         belief.move_newest(best.mean, belief.credit_fitting(m, k, best, evidence))
 
 

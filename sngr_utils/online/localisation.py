@@ -1,0 +1,191 @@
+"""The posterior of one place in the plane, from ranges any of which may be wrong.
+
+A range does not care which of its ends is unknown. So this is the start of a landmark, seen
+from known poses, and it is also the position of a lost robot among known landmarks. After few
+ranges the posterior is a ring or a pair of mirror images: no Gaussian, and no place for one
+optimiser. Many starts come first, with importance sampling about the modes they end in; where
+its weights say that they missed something, nested sampling draws it.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from sngr_utils import compiled, compiled_nested, importance, mirror
+from sngr_utils.place import Evidence
+from sngr_utils.slam import landmark_starts
+
+N_LIVE, WALKS, DLOGZ = 100, 25, 0.5  # of the nested sampler, in two dimensions
+START_APART = 3.0  # sigmas of a range, nearer than which two crossings are one start
+GATE = stats.chi2.ppf(0.99, 1)  # squared normalised error of a range that fits
+MAX_MODES = 4  # what is beyond them is left without a mode
+ENOUGH_MASS = 0.9  # of the first mode: the place is known
+LEAST_GAP = math.log(ENOUGH_MASS / (1 - ENOUGH_MASS))  # nats by which a mirror image is then worse
+CLAIM = stats.chi2.ppf(0.999, 2)  # a mode claims what its Gaussian holds at this level
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """A weighted cloud of places.
+
+    Attributes
+    ----------
+    points : (P, 2) [m]
+    weights : (P,) summing to 1
+    log_densities : (P,) of the posterior, up to a constant, [nats]
+    log_evidence : log of the density of the ranges, [nats]
+    """
+
+    points: np.ndarray
+    weights: np.ndarray
+    log_densities: np.ndarray
+    log_evidence: float
+
+
+def crossing_starts(evidence: Evidence, most: int) -> np.ndarray:
+    """(S, 2) crossings of every two circles, the likeliest first, no two of them near. [m]
+
+    Parameters
+    ----------
+    most : S at most
+    """
+    places = landmark_starts.crossings(evidence.anchors, evidence.ranges)
+    log_densities = _log_densities(evidence, places - evidence.centre)
+    apart, chosen = START_APART * math.sqrt(evidence.variances.min()), []
+    while len(chosen) < most and np.isfinite(log_densities).any():
+        chosen.append(places[np.argmax(log_densities)])
+        near = np.sum((places - chosen[-1]) ** 2, axis=1) <= apart**2
+        log_densities[near] = -np.inf
+    return np.array(chosen)
+
+
+def _log_densities(evidence: Evidence, xi: np.ndarray) -> np.ndarray:
+    """(P,) of the posterior at (P, 2) offsets from the centre, up to a constant, [nats]."""
+    log_likelihoods = compiled.log_likelihoods(evidence.factors, xi)
+    return log_likelihoods - 0.5 * np.sum(xi**2, axis=1) / evidence.sigma**2
+
+
+def mirrored(evidence: Evidence) -> bool:
+    """Is there plainly a second place, the mirror image of the likeliest? No sampling.
+
+    The likeliest place says which ranges are right, and the mirror test is made with these.
+    """
+    best = crossing_starts(evidence, 1)[0]
+    fit = fitting(evidence, best, evidence.variances)
+    if fit.sum() < 3:
+        return True
+    found = mirror.mirror_test(
+        evidence.anchors[fit], evidence.ranges[fit], evidence.variances[fit], best
+    )
+    return found.gap < LEAST_GAP
+
+
+def rough_evidence(evidence: Evidence) -> float:
+    """Log of the density of the ranges, from one Gaussian at the likeliest place, [nats].
+
+    Laplace's approximation: right to a few nats, where nested sampling is right to a tenth.
+    """
+    best = crossing_starts(evidence, 1)[0]
+    xi = best - evidence.centre
+    log_prior = -0.5 * xi @ xi / evidence.sigma**2 - 2 * math.log(evidence.sigma)
+    _, log_det = np.linalg.slogdet(_information(evidence, best))
+    log_likelihood = compiled.log_likelihood(evidence.factors, xi)
+    return float(log_likelihood + log_prior - 0.5 * log_det + evidence.ceiling)
+
+
+def fitting(evidence: Evidence, place: np.ndarray, variances: np.ndarray) -> np.ndarray:
+    """(N,) bool: the ranges that a (2,) place explains, given their (N,) variances, [m^2]."""
+    distances = np.linalg.norm(place - evidence.anchors, axis=1)
+    return (distances - evidence.ranges) ** 2 < GATE * variances
+
+
+def many_starts(evidence: Evidence, *, rng: np.random.Generator) -> tuple[Posterior, bool]:
+    """The posterior by importance sampling about its modes, and whether its weights are sound.
+
+    Sound are weights of enough effective draws and without a heavy tail (`importance`).
+
+    Raises
+    ------
+    importance.NoModeError : no start ended in a mode
+    """
+    settings = importance.FastSettings()
+    found = importance.sample(
+        evidence.factors, evidence.sigma * np.eye(2), settings,
+        crossing_starts(evidence, settings.n_starts) - evidence.centre, rng=rng,
+    )  # fmt: skip
+    log_prior = -0.5 * np.sum(found.samples**2, axis=1) / evidence.sigma**2
+    doubts = {"k-hat", "ESS"}.intersection(found.diagnostics.objections)
+    return Posterior(
+        found.samples + evidence.centre,
+        np.exp(found.log_weights),
+        found.log_likelihoods + log_prior,
+        found.log_evidence + evidence.ceiling,
+    ), not doubts
+
+
+def sample(evidence: Evidence, *, rng: np.random.Generator) -> Posterior:
+    """The posterior by nested sampling (`compiled_nested`), about ten milliseconds."""
+    factors = evidence.factors
+    trace = compiled_nested.sample(
+        factors, evidence.sigma * np.eye(2), N_LIVE, WALKS, DLOGZ, rng=rng
+    )
+    log_prior = -0.5 * np.sum(trace.samples**2, axis=1) / evidence.sigma**2
+    return Posterior(
+        trace.samples + evidence.centre,
+        np.exp(trace.log_weights),
+        trace.log_likelihoods + log_prior,
+        trace.log_evidence + evidence.ceiling,
+    )
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One place where the posterior is high.
+
+    Attributes
+    ----------
+    mean : (2,) of what it claims, [m]
+    covariance : (2, 2) of what it claims, [m^2]
+    mass : share of the posterior
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    mass: float
+
+
+def modes(posterior: Posterior, evidence: Evidence) -> list[Mode]:
+    """The modes by falling mass, each of them one Gaussian.
+
+    The most likely place that no mode has claimed yet is the next mode. It claims all places
+    within the 99.9 % ellipse of its Gaussian (Laplace's, of the ranges that are right there). So
+    a ring falls into many modes of little mass, and a mass near one says two things: there is
+    one place, and a Gaussian describes it.
+    """
+    free = posterior.weights > 0
+    found = []
+    while free.any() and len(found) < MAX_MODES:
+        best = posterior.points[np.argmax(np.where(free, posterior.log_densities, -np.inf))]
+        offsets = posterior.points - best
+        information = _information(evidence, best)
+        own = free & (np.sum(offsets @ information * offsets, axis=1) < CLAIM)
+        weights = posterior.weights[own]
+        mean, mass = np.average(posterior.points[own], axis=0, weights=weights), weights.sum()
+        centred = posterior.points[own] - mean
+        covariance = (weights[:, None] * centred).T @ centred / mass
+        found.append(Mode(mean, covariance, float(mass)))
+        free &= ~own
+    return sorted(found, key=lambda mode: -mode.mass)
+
+
+def _information(evidence: Evidence, place: np.ndarray) -> np.ndarray:
+    """(2, 2) information about a place, each range counting as far as it is right there."""
+    offsets = place - evidence.anchors
+    distances = np.linalg.norm(offsets, axis=1)
+    right = np.exp(-0.5 * (distances - evidence.ranges) ** 2 / evidence.variances)
+    share = right / (right + evidence.floors)
+    directions = offsets / np.maximum(distances, 1e-9)[:, None]
+    weighted = directions * (share / evidence.variances)[:, None]
+    return weighted.T @ directions + np.eye(2) / evidence.sigma**2
