@@ -12,7 +12,6 @@ from pydantic import Field, model_validator
 from sngr_utils import (
     corrected,
     estimators,
-    nested,
     refine,
     refined_sweep,
     report,
@@ -23,6 +22,7 @@ from sngr_utils import (
 )
 from sngr_utils.baseline import run_baseline
 from sngr_utils.metrics import cluster_bootstrap, precision_recall, standard_error, summaries
+from sngr_utils.sampling import settings, weighted_samples
 from sngr_utils.settings import Positive, Probability
 from sngr_utils.slam import levenberg_marquardt
 from sngr_utils.slam.conventions import PRESETS
@@ -158,7 +158,7 @@ def _study(config: Config, preset: str, seed: int) -> list[pd.DataFrame]:
     """The six tables of one world."""
     base = run_baseline(config.scenario, PRESETS[preset], config.p_windows, seed)
     rng = np.random.default_rng([seed, 6])
-    sampler = nested.SamplerSettings(min_walks=50)
+    sampler = settings.SamplerSettings(min_walks=50)
     n = len(base.covariances)
     some = list(range(windows.FIRST_ELIGIBLE, n, max(1, n // 5)))
     settled = levenberg_marquardt.converge(base.solution)
@@ -201,7 +201,7 @@ def _gaussian_ess(config: Config, preset: str, seed: int) -> tuple[str, int, flo
     base = run_baseline(config.scenario, PRESETS[preset], config.p_windows, seed)
     middle = len(base.covariances) // 2
     table = sampler_audit.ess_shares(
-        base, [middle], nested.SamplerSettings(min_walks=50), (1.0,),
+        base, [middle], settings.SamplerSettings(min_walks=50), (1.0,),
         rng=np.random.default_rng([seed, 7]),
     )  # fmt: skip
     return preset, seed, float(table.loc[table["kind"] == "Gaussian", "ess_share"].iloc[0])
@@ -225,7 +225,7 @@ def _noop(config: Config, preset: str, seed: int) -> pd.DataFrame:
     return table.assign(preset=preset, seed=seed)
 
 
-def bimodality_readings(runs: Sequence[nested.NestedRun]) -> pd.DataFrame:
+def bimodality_readings(runs: Sequence[weighted_samples.NestedRun]) -> pd.DataFrame:
     """The bimodality coefficient of y by reading, one row per run of notebook 01's experiment."""
     return pd.DataFrame([
         sampler_audit.bimodality_readings(run.samples[:, 1], run.weights) for run in runs

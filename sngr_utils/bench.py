@@ -11,10 +11,14 @@ import pandas as pd
 from gtsam.symbol_shorthand import L
 from pydantic import Field
 
-from sngr_utils import compiled, engines, importance, nested, refine, report, windows
+from sngr_utils import refine, report, windows
 from sngr_utils.baseline import Baseline
 from sngr_utils.metrics import standard_error
 from sngr_utils.robust import losses
+from sngr_utils.sampling import engines, importance, weighted_samples
+from sngr_utils.sampling.settings import FastSettings, SamplerSettings
+from sngr_utils.sampling.targets import compiled
+from sngr_utils.sampling.targets.likelihood import LocalLikelihood
 from sngr_utils.settings import Checked, Probability
 from sngr_utils.slam import selected_inverse
 from sngr_utils.slam.conventions import Conventions
@@ -77,8 +81,8 @@ class Contender:
     """
 
     name: str
-    settings: nested.SamplerSettings
-    sample: Callable[..., nested.NestedRun]
+    settings: SamplerSettings
+    sample: Callable[..., weighted_samples.NestedRun]
     repeats: int = 1
     every: int = 1
 
@@ -120,7 +124,7 @@ class Reference:
     variances: np.ndarray
 
 
-def contenders(base: Baseline, settings: nested.SamplerSettings) -> list[Contender]:
+def contenders(base: Baseline, settings: SamplerSettings) -> list[Contender]:
     """The paper's sampler written three ways, and the engines that replace it."""
 
     def through(engine):
@@ -129,7 +133,7 @@ def contenders(base: Baseline, settings: nested.SamplerSettings) -> list[Contend
         )
 
     def looped(likelihood, covariance, chosen, rng, factors=None):
-        loop = nested.LocalLikelihood(
+        loop = LocalLikelihood(
             FactorLoop(factors or likelihood.factors), likelihood.estimate, likelihood.keys,
             likelihood.factor,
         )  # fmt: skip
@@ -171,9 +175,9 @@ def spread_evenly(n: int, total: int) -> list[int]:
 
 
 def reference(
-    likelihood: nested.LocalLikelihood,
+    likelihood: LocalLikelihood,
     covariance: np.ndarray,
-    settings: nested.SamplerSettings,
+    settings: SamplerSettings,
     draws: int,
     *,
     rng: np.random.Generator,
@@ -181,7 +185,7 @@ def reference(
     """Evidence and moments of a window by importance sampling with very many draws."""
     factors = engines.flattened(likelihood)
     cholesky = np.linalg.cholesky(settings.prior_scale * covariance)
-    fast = importance.FastSettings(n_draws=draws)
+    fast = FastSettings(n_draws=draws)
     run = importance.sample(factors, cholesky, fast, rng=rng)
     weights = np.exp(run.log_weights)
     mean = weights @ run.samples
@@ -191,7 +195,7 @@ def reference(
 
 def compare(
     base: Baseline,
-    settings: nested.SamplerSettings,
+    settings: SamplerSettings,
     bench: BenchSettings,
     *,
     rng: np.random.Generator,
@@ -222,7 +226,7 @@ def compare(
 
 def _one_run(
     contender: Contender,
-    likelihood: nested.LocalLikelihood,
+    likelihood: LocalLikelihood,
     covariance: np.ndarray,
     truth: Reference,
     rng: np.random.Generator,
@@ -306,7 +310,7 @@ def two_mode_runs(
         values.insert(L(k), np.array([x, 0.0]))
         factors.push_back(gtsam.RangeFactor2(L(k), L(0), 3.0, sigma))
     flat = compiled.flatten(factors, values, [L(0)], 1.0)
-    settings = importance.FastSettings(n_starts=n_starts)
+    settings = FastSettings(n_starts=n_starts)
     masses, k_hats = np.empty(runs), np.empty(runs)
     for i, stream in enumerate(rng.spawn(runs)):
         run = importance.sample(flat, np.sqrt(50) * np.eye(2), settings, rng=stream)

@@ -11,15 +11,17 @@ from dynesty.utils import resample_run
 from gtsam.symbol_shorthand import A, L
 from pydantic import Field, model_validator
 
-from sngr_utils import nested, report
+from sngr_utils import report
 from sngr_utils.metrics import bimodality, standard_error
+from sngr_utils.sampling import dynesty_nested, prior_transform, settings, weighted_samples
+from sngr_utils.sampling.targets.likelihood import LocalLikelihood
 from sngr_utils.settings import Positive, Seed
 
 ANCHOR_SIGMA = 1e-6  # m: the anchors are known
 ANCHORS, LANDMARK = (A(0), A(1)), L(0)
 
 
-class Config(nested.SamplerSettings):
+class Config(settings.SamplerSettings):
     """Parameters of the bimodal experiment, in m; the defaults are the paper's values.
 
     The paper prints neither range_sigma nor landmark_prior_sigma. 0.2 m is what its
@@ -89,10 +91,10 @@ def run_isam2(config: Config, at: np.ndarray, updates: int = 10) -> gtsam.Values
     return isam.calculateEstimate()
 
 
-def log_likelihood(config: Config, estimate: gtsam.Values) -> nested.LocalLikelihood:
+def log_likelihood(config: Config, estimate: gtsam.Values) -> LocalLikelihood:
     """Local log-likelihood of the landmark (paper eq. "ll"), as a function of its offset."""
     factors = build_graph(config)
-    return nested.LocalLikelihood(factors, estimate, [LANDMARK], config.likelihood_factor)
+    return LocalLikelihood(factors, estimate, [LANDMARK], config.likelihood_factor)
 
 
 def gauss_newton_hessian(config: Config, at: np.ndarray) -> np.ndarray:
@@ -142,14 +144,14 @@ class Result:
     loglik_map: float
     loglik_best: float
     covariance: np.ndarray
-    runs: list[nested.NestedRun]
+    runs: list[weighted_samples.NestedRun]
     samples: np.ndarray
     weights: np.ndarray
     upper_masses: np.ndarray
     resampled_error: float
 
     @property
-    def run(self) -> nested.NestedRun:
+    def run(self) -> weighted_samples.NestedRun:
         """The first of the repeated runs, which the figures show."""
         return self.runs[0]
 
@@ -186,9 +188,9 @@ def run(config: Config, at: np.ndarray | None = None) -> Result:
     estimate = run_isam2(config, config.saddle if at is None else at)
     likelihood = log_likelihood(config, estimate)
     covariance = gtsam.Marginals(build_graph(config), estimate).marginalCovariance(LANDMARK)
-    transform = nested.prior_transform(covariance, config.prior_scale)
+    transform = prior_transform.prior_transform(covariance, config.prior_scale)
     *streams, resample_rng = np.random.default_rng(config.seed).spawn(config.n_repeats + 1)
-    runs = [nested.run_nested(likelihood, transform, 2, config, rng=rng) for rng in streams]
+    runs = [dynesty_nested.run_nested(likelihood, transform, 2, config, rng=rng) for rng in streams]
     first, position = runs[0], estimate.atPoint2(LANDMARK)
     height = float(position[1])
     return Result(
@@ -212,7 +214,7 @@ def upper_mass(results: Results, height: float) -> float:
 
 
 def resampled_mass_error(
-    run: nested.NestedRun, height: float, n: int = 50, *, rng: np.random.Generator
+    run: weighted_samples.NestedRun, height: float, n: int = 50, *, rng: np.random.Generator
 ) -> float:
     """Standard error of `upper_mass` by resampling the strands of one run.
 
@@ -246,7 +248,7 @@ def profile(config: Config, y: np.ndarray, factor: float) -> np.ndarray:
     Parameters
     ----------
     y : (N,) heights above the anchors' line, [m]
-    factor : factor on GTSAM's error(), see `nested.SamplerSettings`
+    factor : factor on GTSAM's error(), see `settings.SamplerSettings`
     """
     distance = np.hypot(config.anchor_distance / 2, y)
     error = (distance - config.measured_range) ** 2 / (2 * config.range_sigma**2)

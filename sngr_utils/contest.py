@@ -11,11 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from sngr_utils import adaptive, ancestral, brute_force, many_starts
-from sngr_utils.landmark_target import Landmark
-from sngr_utils.many_starts import Modes
-from sngr_utils.nested import NestedRun, SamplerSettings
-from sngr_utils.window_target import Window
+from sngr_utils.sampling import adaptive_importance, ancestral_priors
+from sngr_utils.sampling.modes import Modes, find_modes, laplace_draws, ring_starts
+from sngr_utils.sampling.reference import Reference, cells, landmark_reference, window_reference
+from sngr_utils.sampling.settings import SamplerSettings
+from sngr_utils.sampling.targets.ambiguous_window import Window
+from sngr_utils.sampling.targets.landmark import Landmark
+from sngr_utils.sampling.weighted_samples import NestedRun
 
 METHODS = ("one Gaussian", "c = 1", "c = 50", "ancestral", "ancestral, reweighted", "many starts")
 SCALES = {"c = 1": 1.0, "c = 50": 50.0}  # of the Gaussian priors, the paper's
@@ -31,10 +33,10 @@ def plane_runs(
     *, rng: np.random.Generator,
 ) -> dict[str, NestedRun]:  # fmt: skip
     """Every method on a landmark, the Gaussian priors being N(start, c covariance)."""
-    modes = many_starts.find_modes(target, many_starts.ring_starts(target))
+    modes = find_modes(target, ring_starts(target))
     settings = SamplerSettings(n_live=n_live, min_walks=PLANE_WALKS)
-    priors = {name: ancestral.gaussian(start, covariance, c) for name, c in SCALES.items()}
-    priors["ancestral"] = ancestral.ring(target)
+    priors = {name: ancestral_priors.gaussian(start, covariance, c) for name, c in SCALES.items()}
+    priors["ancestral"] = ancestral_priors.ring(target)
     return _runs(target, modes, priors, settings, PLANE_DRAWS, rng)
 
 
@@ -42,23 +44,24 @@ def window_runs(
     target: Window, n_live: int, *, rng: np.random.Generator
 ) -> dict[str, NestedRun]:  # fmt: skip
     """Every method on a window, the Gaussian priors about the best of the modes found."""
-    tree = ancestral.tree(target)
-    modes = many_starts.find_modes(target, tree.draw(N_STARTS, rng=rng))
+    tree = ancestral_priors.tree(target)
+    modes = find_modes(target, tree.draw(N_STARTS, rng=rng))
     settings = SamplerSettings(n_live=n_live, min_walks=WINDOW_WALKS)
     best = modes.places[0], modes.covariances[0]
-    priors = {name: ancestral.gaussian(*best, c) for name, c in SCALES.items()}
+    priors = {name: ancestral_priors.gaussian(*best, c) for name, c in SCALES.items()}
     return _runs(target, modes, {**priors, "ancestral": tree}, settings, WINDOW_DRAWS, rng)
 
 
 def _runs(target, modes, priors, settings, draws, rng) -> dict[str, NestedRun]:
     nested = {
-        name: ancestral.sample(target, prior, settings, rng=rng) for name, prior in priors.items()
+        name: ancestral_priors.sample(target, prior, settings, rng=rng)
+        for name, prior in priors.items()
     }
     return {
-        "one Gaussian": many_starts.laplace_draws(modes, PLANE_DRAWS, rng=rng),
+        "one Gaussian": laplace_draws(modes, PLANE_DRAWS, rng=rng),
         **nested,
         "ancestral, reweighted": _reweighted(target, nested["ancestral"], draws, rng),
-        "many starts": adaptive.draws(target, modes, draws, rng=rng),
+        "many starts": adaptive_importance.draws(target, modes, draws, rng=rng),
     }
 
 
@@ -69,25 +72,25 @@ def _reweighted(target, run, draws, rng) -> NestedRun:
     them. Importance weights know nothing of that: the run need only have found every place.
     """
     starts = run.samples[rng.choice(len(run.samples), N_STARTS // 2, p=run.weights)]
-    modes = many_starts.find_modes(target, starts)
-    again = adaptive.draws(target, modes, draws, rng=rng)
+    modes = find_modes(target, starts)
+    again = adaptive_importance.draws(target, modes, draws, rng=rng)
     return replace(again, calls=again.calls + run.calls)
 
 
 def window_truth(
     target: Window, n_particles: int, mass_error: float = MASS_ERROR, *, rng: np.random.Generator
-) -> tuple[brute_force.Reference, Modes]:
+) -> tuple[Reference, Modes]:
     """A window's reference and its modes, from starts drawn from prior and posterior alike.
 
     Four times as many particles, and again, until evidence and masses are known to
     `EVIDENCE_ERROR` and `mass_error`; 64 times as many at most.
     """
     for more in (1, 4, 16, 64):
-        reference = brute_force.window_reference(target, more * n_particles, n_particles, rng=rng)
+        reference = window_reference(target, more * n_particles, n_particles, rng=rng)
         chosen = rng.choice(len(reference.points), TRUTH_STARTS, p=reference.weights)
-        drawn = ancestral.tree(target).draw(TRUTH_STARTS, rng=rng)
+        drawn = ancestral_priors.tree(target).draw(TRUTH_STARTS, rng=rng)
         starts = np.concatenate([drawn, reference.points[chosen]])
-        modes = many_starts.find_modes(target, starts)
+        modes = find_modes(target, starts)
         error = reference.mass_error(modes.label(reference.points), len(modes.places))
         if reference.log_evidence_error <= EVIDENCE_ERROR and error <= mass_error:
             break
@@ -95,7 +98,7 @@ def window_truth(
 
 
 def judge(
-    reference: brute_force.Reference, modes: Modes, plane: Callable[[np.ndarray], np.ndarray]
+    reference: Reference, modes: Modes, plane: Callable[[np.ndarray], np.ndarray]
 ) -> Callable[[NestedRun], dict[str, float]]:
     """run -> its mass_error (largest over the modes), divergence, evidence_error [nats], calls.
 
@@ -104,7 +107,7 @@ def judge(
     plane : (N, d) points to the (N, 2) places over whose cells the divergence is taken, [m]
     """
     exact = reference.masses(modes.label(reference.points), len(modes.places))
-    parts = brute_force.cells(plane(reference.points), reference.weights)
+    parts = cells(plane(reference.points), reference.weights)
 
     def errors(run: NestedRun) -> dict[str, float]:
         masses = np.bincount(modes.label(run.samples), run.weights, minlength=len(exact))
@@ -128,9 +131,12 @@ def compile_all() -> None:
     landmark = Landmark(
         np.array([[0.0, 0.0], [1.0, 0.0]]), np.zeros((4, 4)), np.ones(2), 1.0, np.zeros(2), 1.0
     )  # fmt: skip
-    brute_force.window_reference(window, 10, rng=rng)
-    brute_force.landmark_reference(landmark, 4, 4)
-    for target, prior in ((window, ancestral.tree(window)), (landmark, ancestral.ring(landmark))):
-        ancestral.sample(target, prior, settings, rng=rng)
-        modes = many_starts.find_modes(target, rng.standard_normal((9, target.dimension)))
-        adaptive.draws(target, modes, 100, rng=rng)
+    window_reference(window, 10, rng=rng)
+    landmark_reference(landmark, 4, 4)
+    for target, prior in (
+        (window, ancestral_priors.tree(window)),
+        (landmark, ancestral_priors.ring(landmark)),
+    ):
+        ancestral_priors.sample(target, prior, settings, rng=rng)
+        modes = find_modes(target, rng.standard_normal((9, target.dimension)))
+        adaptive_importance.draws(target, modes, 100, rng=rng)

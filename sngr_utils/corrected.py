@@ -14,9 +14,12 @@ from gtsam.symbol_shorthand import X
 from pydantic import Field
 from scipy import stats
 
-from sngr_utils import compiled, engines, importance, laplace, nested, posterior, refine, windows
+from sngr_utils import posterior, refine, windows
 from sngr_utils.baseline import Baseline
 from sngr_utils.metrics import rmse_and_nees
+from sngr_utils.sampling import engines, importance, laplace, weighted_samples
+from sngr_utils.sampling.settings import FastSettings, SamplerSettings
+from sngr_utils.sampling.targets import compiled
 from sngr_utils.settings import Checked, Positive
 from sngr_utils.slam import marginals
 from sngr_utils.slam.levenberg_marquardt import converge
@@ -74,7 +77,7 @@ def refine_windows(
     which: Iterable[int],
     covariances: np.ndarray,
     settings: CorrectedSettings,
-    sampler: nested.SamplerSettings,
+    sampler: SamplerSettings,
     gate: NoiseGate,
     engine: str = "laplace",
     *,
@@ -88,7 +91,7 @@ def refine_windows(
     covariances : (T-W+1, 9, 9) Sigma_w of all windows
     sampler : its live points, walks and dlogz; prior and likelihood are those of the target
     engine : "laplace", importance sampling about the Laplace Gaussian, or about all modes that
-        many starts find where that may not be trusted; or a compiled one of `engines.EngineChoice`
+        many starts find where that may not be trusted; or a compiled one of `settings.EngineChoice`
     """
     streams, scale = rng.spawn(len(covariances)), settings.proposal_scale
     pieces = posterior.expand(solution) if settings.separators == "marginal" else None
@@ -103,11 +106,11 @@ def refine_windows(
 def sample_target(
     aim: posterior.Target,
     scale: float,
-    sampler: nested.SamplerSettings,
+    sampler: SamplerSettings,
     engine: str = "laplace",
     *,
     rng: np.random.Generator,
-) -> nested.NestedRun:
+) -> weighted_samples.NestedRun:
     """Samples of a target from the prior N(0, scale * covariance), divided out again."""
     sampler = sampler.model_copy(update={"prior_scale": scale, "likelihood_factor": 1.0})
     factors, covariance = aim.corrected(scale), aim.covariance
@@ -120,22 +123,26 @@ def sample_target(
 
 def _many_modes(
     factors: compiled.Factors, cholesky: np.ndarray, rng: np.random.Generator
-) -> nested.NestedRun:
+) -> weighted_samples.NestedRun:
     """Importance sampling about all modes found, for targets that are not one Gaussian.
 
     Modes far apart need long walks in nested sampling (engine "nested", 400 of them, agrees);
     here they cost nothing. The diagnostics' objections are kept in the note.
     """
-    many = importance.FastSettings(n_draws=10 * LAPLACE_DRAWS)
+    many = FastSettings(n_draws=10 * LAPLACE_DRAWS)
     draw = importance.sample(factors, cholesky, many, rng=rng)
-    return nested.NestedRun(
+    return weighted_samples.NestedRun(
         draw.samples, np.exp(draw.log_weights), draw.log_likelihoods, draw.log_evidence,
         draw.log_evidence_error, draw.calls, note=", ".join(draw.diagnostics.objections),
     )  # fmt: skip
 
 
 def judge(
-    solution: Solution, t: int, aim: posterior.Target, run: nested.NestedRun, gate: NoiseGate
+    solution: Solution,
+    t: int,
+    aim: posterior.Target,
+    run: weighted_samples.NestedRun,
+    gate: NoiseGate,
 ) -> refine.RefinedWindow:
     """The gate's decision on the mean of a target's samples; only the window's poses are kept."""
     mean = run.mean
@@ -175,7 +182,7 @@ def run(
     base: Baseline,
     which: Iterable[int],
     settings: CorrectedSettings,
-    sampler: nested.SamplerSettings,
+    sampler: SamplerSettings,
     gate: NoiseGate,
     engine: str = "laplace",
     frame: str = "world",

@@ -7,9 +7,12 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import bench, engines, importance, nested, parameters, refine, report, windows
+from sngr_utils import bench, parameters, refine, report, windows
 from sngr_utils.baseline import Baseline, run_baseline
 from sngr_utils.metrics import standard_error
+from sngr_utils.sampling import engines, importance, weighted_samples
+from sngr_utils.sampling.settings import FastSettings, SamplerSettings
+from sngr_utils.sampling.targets.likelihood import LocalLikelihood
 from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.slam import selected_inverse
 from sngr_utils.slam.conventions import preset_conventions
@@ -19,7 +22,7 @@ from sngr_utils.world.scenario import Scenario
 EVERY = 3  # of the windows that do not trigger, every third is run and stands for all of them
 
 
-class Config(Scenario, nested.SamplerSettings, bench.BenchSettings):
+class Config(Scenario, SamplerSettings, bench.BenchSettings):
     """Parameters of the cost study; the defaults are the paper's values where it states them.
 
     timing_calls : likelihood calls behind each time per call
@@ -103,10 +106,10 @@ def run_level(config: Config, p: float) -> Cost:
 
 def _sample(
     config: Config, base: Baseline, t: int, rng: np.random.Generator, engine: str = "dynesty"
-) -> nested.NestedRun:
+) -> weighted_samples.NestedRun:
     """The run of one window."""
     likelihood = refine.window_likelihood(base.solution, t, config.likelihood_factor)
-    settings = config.part(nested.SamplerSettings)
+    settings = config.part(SamplerSettings)
     return engines.sample_window(likelihood, base.covariances[t], settings, engine, rng=rng)
 
 
@@ -114,7 +117,7 @@ def compare_engines(config: Config) -> dict[str, bench.Performance]:
     """All engines on the same windows of one world (`bench.compare`)."""
     conventions = preset_conventions(config.preset, config.conventions)
     base = run_baseline(config.part(Scenario), conventions, config.bench_p, config.seed)
-    settings, sizes = config.part(nested.SamplerSettings), config.part(bench.BenchSettings)
+    settings, sizes = config.part(SamplerSettings), config.part(bench.BenchSettings)
     return bench.compare(base, settings, sizes, rng=np.random.default_rng([config.seed, 4]))
 
 
@@ -139,7 +142,7 @@ def print_bench(config: Config) -> None:
 def two_mode_table(*, rng: np.random.Generator, runs: int = 40) -> pd.DataFrame:
     """The fast path on the two-mode landmark of notebook 01, from one start and from many."""
     rows = []
-    for n_starts in (1, importance.FastSettings().n_starts):
+    for n_starts in (1, FastSettings().n_starts):
         masses, k_hats = bench.two_mode_runs(n_starts, runs, rng=rng)
         right = np.abs(masses - 0.5) < 0.1
         content = k_hats <= importance.MAX_K_HAT
@@ -169,7 +172,7 @@ def exhaustive_fast(config: Config) -> tuple[float, float]:
         covariances = selected_inverse.window_covariances(base.solution, base.world, conventions)
         return refine.refine_windows(
             base.solution, range(len(covariances)), covariances,
-            config.part(nested.SamplerSettings), refine.Gate(), "fast",
+            config.part(SamplerSettings), refine.Gate(), "fast",
             rng=np.random.default_rng([config.seed, 1]),
         )  # fmt: skip
 
@@ -207,7 +210,7 @@ def closure_cost(config: Config, cost: Cost, t: int, *, rng: np.random.Generator
     factors = windows.touching_factors(solution.graph, keys)
 
     def likelihood(chosen):
-        return nested.LocalLikelihood(chosen, solution.estimate, keys, config.likelihood_factor)
+        return LocalLikelihood(chosen, solution.estimate, keys, config.likelihood_factor)
 
     looped = likelihood(bench.FactorLoop(whole))
     all_at_once, local = likelihood(whole), likelihood(factors)
@@ -247,7 +250,7 @@ def middle_window(costs: dict[float, Cost]) -> int:
     return len(next(iter(costs.values())).calls) // 2
 
 
-def single_window(config: Config, t: int) -> nested.NestedRun:
+def single_window(config: Config, t: int) -> weighted_samples.NestedRun:
     """The nested sampling run of window t at the first p, for settings other than the paper's."""
     conventions = preset_conventions(config.preset, config.conventions)
     base = run_baseline(config.part(Scenario), conventions, config.p_levels[0], config.seed)

@@ -12,9 +12,11 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from sngr_utils import engines, nested, refine, windows
+from sngr_utils import refine, windows
 from sngr_utils.metrics import rmse_and_nees, summaries
 from sngr_utils.robust import em, fastslam, losses, max_mixtures, switchable_constraints
+from sngr_utils.sampling import engines
+from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.slam import isam2, landmark_starts, marginals, selected_inverse
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.solution import poses_of
@@ -142,7 +144,7 @@ def _sngr(
     solution = isam2.run_isam2(the_world, conventions)
     covariance = selected_inverse.window_covariances(solution, the_world, conventions)
     fired = windows.triggers(np.array([windows.score(block) for block in covariance]), TAU)
-    settings = nested.SamplerSettings(min_walks=engines.ENOUGH_WALKS)
+    settings = SamplerSettings(min_walks=engines.ENOUGH_WALKS)
     refined = refine.refine_windows(
         solution, np.flatnonzero(fired), covariance, settings, refine.Gate(), "fast", rng=rng
     )

@@ -8,9 +8,11 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import engines, nested, refine, report, windows
+from sngr_utils import refine, report, windows
 from sngr_utils.baseline import Baseline, run_baseline
 from sngr_utils.metrics import rmse_and_nees, standard_error
+from sngr_utils.sampling.settings import EngineChoice, SamplerSettings
+from sngr_utils.sampling.targets.likelihood import LocalLikelihood
 from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.slam import marginals
 from sngr_utils.slam.conventions import PRESETS, preset_conventions
@@ -19,9 +21,7 @@ from sngr_utils.world import dead_reckoning
 from sngr_utils.world.scenario import Scenario
 
 
-class Config(
-    Scenario, engines.EngineChoice, nested.SamplerSettings, refine.Gate, refine.TriggerOnly
-):
+class Config(Scenario, EngineChoice, SamplerSettings, refine.Gate, refine.TriggerOnly):
     """Parameters of the full pipeline; the defaults are the paper's values where it states them.
 
     p_levels : wrong-association probabilities; must hold p_diagnosed and p_noop
@@ -128,7 +128,7 @@ def _refine(config: Config, base: Baseline, which: Iterable[int]) -> list[refine
         base.solution,
         which,
         base.covariances,
-        config.part(nested.SamplerSettings),
+        config.part(SamplerSettings),
         config.part(refine.Gate),
         config.engine,
         rng=np.random.default_rng([config.seed, 1]),
@@ -176,7 +176,7 @@ def example_window(config: Config, level: Refinement) -> refine.RefinedWindow:
     return _refine(config, level.baseline, [best])[0]
 
 
-def likelihood_of(config: Config, level: Refinement, t: int) -> nested.LocalLikelihood:
+def likelihood_of(config: Config, level: Refinement, t: int) -> LocalLikelihood:
     """Local log-likelihood of window t, as the sampler sees it."""
     return refine.window_likelihood(level.baseline.solution, t, config.likelihood_factor)
 

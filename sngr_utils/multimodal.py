@@ -8,12 +8,15 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import ancestral, brute_force, contest, many_starts, nested, windows
-from sngr_utils.landmark_target import Landmark, landmark_of
+from sngr_utils import contest, windows
 from sngr_utils.mirror import mirror_test
+from sngr_utils.sampling import ancestral_priors, weighted_samples
+from sngr_utils.sampling.modes import find_modes, ring_starts
+from sngr_utils.sampling.reference import N_ANGLES, N_RADII, landmark_reference, polar_grid
+from sngr_utils.sampling.targets.ambiguous_window import Window, window_of
+from sngr_utils.sampling.targets.landmark import Landmark, landmark_of
 from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.slam import conventions, selected_inverse
-from sngr_utils.window_target import Window, window_of
 from sngr_utils.world import dead_reckoning, simulation, variations
 from sngr_utils.world.scenario import ManyWorlds, Scenario
 
@@ -123,11 +126,11 @@ def view(config: Config, label: int, n: int) -> View:
     """A landmark of the first world after n poses."""
     target, gaussian = config.landmark(config.first_seed, label, n), None
     if n > 1:
-        modes = many_starts.find_modes(target, many_starts.ring_starts(target))
+        modes = find_modes(target, ring_starts(target))
         gaussian = modes.places[0], modes.covariances[0]
-    shape = brute_force.N_RADII, brute_force.N_ANGLES
-    places, _ = brute_force.polar_grid(target, *shape)
-    log_density = target(places) - brute_force.landmark_reference(target).log_evidence
+    shape = N_RADII, N_ANGLES
+    places, _ = polar_grid(target, *shape)
+    log_density = target(places) - landmark_reference(target).log_evidence
     return View(
         places.reshape(*shape, 2), log_density.reshape(shape),
         target.positions, config.world(config.first_seed).landmarks[label], gaussian,
@@ -155,12 +158,12 @@ def _landmark_rows(config: Config, seed: int, n: int) -> list[dict]:
     rows, places = [], []
     for label in range(config.n_landmarks):
         target = config.landmark(seed, label, n)
-        reference = brute_force.landmark_reference(target)
-        modes = many_starts.find_modes(target, many_starts.ring_starts(target))
+        reference = landmark_reference(target)
+        modes = find_modes(target, ring_starts(target))
         masses = np.sort(reference.masses(modes.label(reference.points), len(modes.places)))
         kl, kl_error = reference.divergence(lambda x, modes=modes: modes.log_gaussian(0, x))
         mean, covariance = reference.moments
-        moments = ancestral.gaussian(mean, covariance, 1.0).log_density
+        moments = ancestral_priors.gaussian(mean, covariance, 1.0).log_density
         test = mirror_test(target.positions, target.ranges, target.variances, modes.places[0])
         places.append(modes.places[0])
         rows.append({
@@ -242,7 +245,7 @@ def anchor_start(place: str) -> tuple[np.ndarray, np.ndarray]:
     return start, target.gauss_newton_covariance(start)
 
 
-def anchor_runs(config: Config, seed: int, place: str) -> dict[str, nested.NestedRun]:
+def anchor_runs(config: Config, seed: int, place: str) -> dict[str, weighted_samples.NestedRun]:
     """Every method on the two anchors, the Gaussian priors about `anchor_start`."""
     rng = np.random.default_rng([seed, 9])
     return contest.plane_runs(two_anchors(), *anchor_start(place), config.n_live_landmark, rng=rng)
@@ -251,16 +254,17 @@ def anchor_runs(config: Config, seed: int, place: str) -> dict[str, nested.Neste
 def anchor_priors(n: int, *, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """(n, 2) draws of each prior on the two anchors, the Gaussian ones about a mode, [m]."""
     priors = {
-        name: ancestral.gaussian(*anchor_start("mode"), c) for name, c in contest.SCALES.items()
+        name: ancestral_priors.gaussian(*anchor_start("mode"), c)
+        for name, c in contest.SCALES.items()
     }
-    priors["ancestral"] = ancestral.ring(two_anchors())
+    priors["ancestral"] = ancestral_priors.ring(two_anchors())
     return {name: prior.draw(n, rng=rng) for name, prior in priors.items()}
 
 
 def _anchors(config: Config, seed: int) -> list[dict]:
     target = two_anchors()
-    modes = many_starts.find_modes(target, many_starts.ring_starts(target))
-    errors = contest.judge(brute_force.landmark_reference(target), modes, lambda x: x)
+    modes = find_modes(target, ring_starts(target))
+    errors = contest.judge(landmark_reference(target), modes, lambda x: x)
     rows = []
     for place in ("saddle", "mode"):
         runs = anchor_runs(config, seed, place)
@@ -273,10 +277,10 @@ def _anchors(config: Config, seed: int) -> list[dict]:
 
 def _landmark(config: Config, seed: int, n: int) -> list[dict]:
     target, rng = config.landmark(seed, 0, n), np.random.default_rng([seed, 10])
-    modes = many_starts.find_modes(target, many_starts.ring_starts(target))
+    modes = find_modes(target, ring_starts(target))
     best = modes.places[0], modes.covariances[0]
     runs = contest.plane_runs(target, *best, config.n_live_landmark, rng=rng)
-    errors = contest.judge(brute_force.landmark_reference(target), modes, lambda x: x)
+    errors = contest.judge(landmark_reference(target), modes, lambda x: x)
     head = {"case": "landmark", "size": n, "seed": seed}
     return [{**head, "method": name, **errors(run)} for name, run in runs.items()]
 
@@ -312,7 +316,7 @@ def _window_row(config: Config, seed: int, n_ranges: int) -> dict:
     target, rng = config.window(seed, n_ranges), np.random.default_rng([seed, 12])
     coarse = 2 * contest.MASS_ERROR  # enough to tell whether there is a second mode
     reference, modes = contest.window_truth(target, config.n_particles, coarse, rng=rng)
-    own = many_starts.find_modes(target, ancestral.tree(target).draw(contest.N_STARTS, rng=rng))
+    own = find_modes(target, ancestral_priors.tree(target).draw(contest.N_STARTS, rng=rng))
     masses = np.sort(reference.masses(modes.label(reference.points), len(modes.places)))
     kl, kl_error = reference.divergence(lambda x: modes.log_gaussian(0, x))
     shares = np.exp(own.log_masses - np.logaddexp.reduce(own.log_masses))

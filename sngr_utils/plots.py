@@ -12,7 +12,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from sngr_utils import style, windows
 from sngr_utils.baseline import Baseline
-from sngr_utils.nested import NestedRun
+from sngr_utils.sampling.weighted_samples import NestedRun
 
 PRESET_COLOURS = {"A": style.LANDMARK, "B": style.ESTIMATE, "C": style.SAMPLES}
 WRONG_LABEL = "share p of wrong associations"

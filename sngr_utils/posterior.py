@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from sngr_utils import compiled, windows
+from sngr_utils import windows
 from sngr_utils.numerics import derivatives
+from sngr_utils.sampling.targets import compiled
 from sngr_utils.slam.solution import Solution
 
 STEP = 1e-3  # of the differences in `expand`, [m] or [rad]

@@ -9,7 +9,10 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 from pydantic import Field
 
-from sngr_utils import engines, nested, windows
+from sngr_utils import windows
+from sngr_utils.sampling import engines, weighted_samples
+from sngr_utils.sampling.settings import SamplerSettings
+from sngr_utils.sampling.targets.likelihood import LocalLikelihood
 from sngr_utils.settings import Checked, Positive
 from sngr_utils.slam.solution import Solution
 
@@ -37,10 +40,10 @@ class RefinedWindow:
     delta_logp: float
     accepted: bool
     poses: list[gtsam.Pose2]
-    run: nested.NestedRun
+    run: weighted_samples.NestedRun
 
 
-def window_likelihood(solution: Solution, t: int, factor: float) -> nested.LocalLikelihood:
+def window_likelihood(solution: Solution, t: int, factor: float) -> LocalLikelihood:
     """Local log-likelihood of window w(t), everything else held at the MAP.
 
     Uses the factors that touch the window. The paper's fixed-point closure takes in the whole
@@ -49,7 +52,7 @@ def window_likelihood(solution: Solution, t: int, factor: float) -> nested.Local
     """
     keys = windows.window_keys(t)
     factors = windows.touching_factors(solution.graph, keys)
-    return nested.LocalLikelihood(factors, solution.estimate, keys, factor)
+    return LocalLikelihood(factors, solution.estimate, keys, factor)
 
 
 def passes_gate(delta_logp: float, tolerance: float) -> bool:
@@ -61,7 +64,7 @@ def refine_windows(
     solution: Solution,
     which: Iterable[int],
     covariances: np.ndarray,
-    settings: nested.SamplerSettings,
+    settings: SamplerSettings,
     gate: Gate,
     engine: str = "dynesty",
     *,
@@ -77,7 +80,7 @@ def refine_windows(
     ----------
     which : first poses of the windows to refine
     covariances : (T-W+1, 9, 9) Sigma_w of all windows
-    engine : see `engines.EngineChoice`
+    engine : see `settings.EngineChoice`
     """
     streams, which = rng.spawn(len(covariances)), np.array(list(which), dtype=int)
     likelihoods = [window_likelihood(solution, t, settings.likelihood_factor) for t in which]
@@ -91,7 +94,7 @@ def refine_windows(
 
 
 def judge(
-    t: int, likelihood: nested.LocalLikelihood, run: nested.NestedRun, gate: Gate
+    t: int, likelihood: LocalLikelihood, run: weighted_samples.NestedRun, gate: Gate
 ) -> RefinedWindow:
     """The gate's decision on the mean of a window's samples (paper eq. "gate")."""
     mean = run.mean

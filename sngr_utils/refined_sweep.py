@@ -6,9 +6,11 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from sngr_utils import corrected, engines, nested, refine
+from sngr_utils import corrected, refine
 from sngr_utils.baseline import Baseline, run_baseline
 from sngr_utils.metrics import rmse_and_nees
+from sngr_utils.sampling import engines
+from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.slam import marginals, solution
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.world.scenario import Scenario
@@ -89,7 +91,7 @@ def _run_one(
 def _paper(
     base: Baseline, which: np.ndarray, variant: str, frame: str, rng: np.random.Generator
 ) -> dict[str, float]:
-    settings = nested.SamplerSettings(min_walks=engines.ENOUGH_WALKS)
+    settings = SamplerSettings(min_walks=engines.ENOUGH_WALKS)
     refined = refine.refine_windows(
         base.solution, which, base.covariances, settings, refine.Gate(), "nested", rng=rng
     )
@@ -116,7 +118,7 @@ def _corrected(
     base: Baseline, which: np.ndarray, variant: str, frame: str, rng: np.random.Generator
 ) -> dict[str, float]:
     settings = corrected.CorrectedSettings(separators=variant)
-    sampler = nested.SamplerSettings()
+    sampler = SamplerSettings()
     run = corrected.run(base, which, settings, sampler, corrected.NoiseGate(), frame=frame, rng=rng)
     return {
         **_window_row(base, run.windows),

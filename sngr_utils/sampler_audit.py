@@ -6,9 +6,12 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from sngr_utils import compiled, corrected, engines, laplace, nested, posterior, refine, windows
+from sngr_utils import corrected, posterior, refine, windows
 from sngr_utils.baseline import Baseline
 from sngr_utils.metrics import bimodality, effective_sample_size
+from sngr_utils.sampling import engines, laplace
+from sngr_utils.sampling.settings import SamplerSettings
+from sngr_utils.sampling.targets import compiled
 from sngr_utils.slam.solution import Solution
 from sngr_utils.window_audit import window_factors
 
@@ -36,7 +39,7 @@ def gaussian_factors(precision: np.ndarray) -> compiled.Factors:
 def ess_shares(
     base: Baseline,
     which: Sequence[int],
-    settings: nested.SamplerSettings,
+    settings: SamplerSettings,
     scales: Sequence[float] = (1.0, 50.0),
     *,
     rng: np.random.Generator,
@@ -91,7 +94,7 @@ def evidence_check(
     together), in_errors (their ratio), sd_ratio (nested over importance, geometric mean)
     """
     pieces, rows = posterior.expand(solution), []
-    settings = nested.SamplerSettings(n_live=n_live, min_walks=walks)
+    settings = SamplerSettings(n_live=n_live, min_walks=walks)
     for t in which:
         aim = posterior.target(solution, t, covariances[t], separators, pieces)
         cholesky = np.linalg.cholesky(scale * aim.covariance)

@@ -7,9 +7,11 @@ import gtsam
 import joblib
 import numpy as np
 
-from sngr_utils import compiled, contest, engines, estimators, mirror
-from sngr_utils.nested import SamplerSettings
+from sngr_utils import contest, estimators, mirror
 from sngr_utils.online import estimator
+from sngr_utils.sampling import engines
+from sngr_utils.sampling.settings import SamplerSettings
+from sngr_utils.sampling.targets import compiled
 from sngr_utils.slam import conventions
 from sngr_utils.slam.selected_inverse import selected_inverse
 from sngr_utils.world import scenario, simulation

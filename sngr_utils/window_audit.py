@@ -9,9 +9,12 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from sngr_utils import compiled, engines, importance, laplace, nested, posterior, refine, windows
+from sngr_utils import posterior, refine, windows
 from sngr_utils.baseline import Baseline
-from sngr_utils.importance import find_modes
+from sngr_utils.sampling import engines, importance, laplace
+from sngr_utils.sampling.importance import find_modes
+from sngr_utils.sampling.settings import FastSettings, SamplerSettings
+from sngr_utils.sampling.targets import compiled
 from sngr_utils.slam import levenberg_marquardt
 from sngr_utils.slam.solution import Solution
 
@@ -36,7 +39,7 @@ def window_factors(solution: Solution, t: int, factor: float) -> compiled.Factor
 def widths(
     base: Baseline,
     which: Sequence[int],
-    settings: nested.SamplerSettings,
+    settings: SamplerSettings,
     *,
     rng: np.random.Generator,
 ) -> pd.DataFrame:
@@ -164,9 +167,9 @@ def gaussianity(
     for t in which:
         aim = posterior.target(solution, t, covariances[t], separators, pieces)
         factors, cholesky = aim.corrected(scale), np.linalg.cholesky(scale * aim.covariance)
-        found = laplace.laplace(factors, cholesky, np.zeros(len(cholesky)))
+        found = laplace.laplace_approximation(factors, cholesky, np.zeros(len(cholesky)))
         run = laplace.sample(factors, cholesky, draws, rng=rng)
-        many = importance.sample(factors, cholesky, importance.FastSettings(), rng=rng)
+        many = importance.sample(factors, cholesky, FastSettings(), rng=rng)
         sound = found is not None and run is not None
         rows.append({
             "window": int(t),

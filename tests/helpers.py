@@ -7,7 +7,8 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 
-from sngr_utils import landmark_target, paths, window_target
+from sngr_utils import paths
+from sngr_utils.sampling.targets import ambiguous_window, landmark
 from sngr_utils.slam import conventions
 from sngr_utils.world import simulation, variations
 from sngr_utils.world.scenario import Scenario
@@ -19,7 +20,7 @@ WEAK = Scenario(n_poses=3, odometry_sigma_xy=0.5, odometry_sigma_theta=0.1)
 def anchors(distance=4.0, measured=3.0, sigma=0.2):
     """Notebook 1: two known anchors, both `measured` metres from a landmark."""
     positions = np.array([[0.0, 0.0], [distance, 0.0]])
-    return landmark_target.Landmark(
+    return landmark.Landmark(
         positions, np.zeros((4, 4)), np.array([measured, measured]), sigma, positions.mean(axis=0),
         10.0,
     )  # fmt: skip
@@ -36,7 +37,7 @@ def window(n_ranges=1, seed=100, range_sigma=0.1, **changes):
     the_world = variations.draw_x0(
         simulation.simulate(scenario, 0.4, rng=rng), [0.5, 0.5, 0.1], rng=rng
     )
-    return replace(window_target.window_of(the_world, [0.5, 0.5, 0.1], 0.4, n_ranges), **changes)
+    return replace(ambiguous_window.window_of(the_world, [0.5, 0.5, 0.1], 0.4, n_ranges), **changes)
 
 
 def dense_covariance(solution):

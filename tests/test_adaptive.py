@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 from helpers import anchors, window
 
-from sngr_utils import adaptive, brute_force, contest, many_starts
+from sngr_utils import contest
 from sngr_utils.metrics import effective_sample_size
+from sngr_utils.sampling import adaptive_importance
+from sngr_utils.sampling.modes import Modes, find_modes, ring_starts
+from sngr_utils.sampling.reference import landmark_reference
 
 
 def a_mixture():
-    return adaptive.Mixture(
+    return adaptive_importance.Mixture(
         np.array([0.3, 0.7]), np.array([[0.0, 0.0], [2.0, 1.0]]),
         np.array([[[1.0, 0.4], [0.4, 0.5]], [[0.3, 0.0], [0.0, 0.8]]]),
     )  # fmt: skip
@@ -23,7 +26,7 @@ def test_a_mixture_is_drawn_as_it_is_weighed():
     mixture, rng = a_mixture(), np.random.default_rng(0)
     points = mixture.draw(20_000, rng=rng)
     f = -0.5 * np.sum((points - [1.0, 0.5]) ** 2, axis=1) / 0.2 - math.log(2 * math.pi * 0.2)
-    ratio = np.exp(f - adaptive.log_sum(mixture.each(points)[0]))
+    ratio = np.exp(f - adaptive_importance.log_sum(mixture.each(points)[0]))
     error = ratio.std() / math.sqrt(len(ratio))
     assert abs(ratio.mean() - 1) < 5 * error < 0.1
 
@@ -41,7 +44,7 @@ def test_a_mixture_fitted_to_its_own_draws_stays():
 def test_a_component_that_stands_for_nothing_is_left_out():
     mixture = a_mixture()
     points = mixture.places[0] + 0.1 * np.random.default_rng(2).standard_normal((500, 2))
-    away = adaptive.Mixture(
+    away = adaptive_importance.Mixture(
         mixture.shares, mixture.places + np.array([[0, 0], [50, 0]]), mixture.covariances
     )
     fitted = away.fitted(points, np.full(500, 1 / 500), away.each(points))
@@ -52,12 +55,12 @@ def test_a_place_that_no_start_found_is_found_from_the_root():
     """One of the two places of two anchors is given. Masses to 0.05, at 4000 effective draws some
     six standard errors."""
     target, rng = anchors(), np.random.default_rng(3)
-    both = many_starts.find_modes(target, many_starts.ring_starts(target))
-    one = many_starts.Modes(both.places[:1], both.covariances[:1], both.heights[:1], both.calls)
-    run = adaptive.draws(target, one, 4000, rng=rng)
+    both = find_modes(target, ring_starts(target))
+    one = Modes(both.places[:1], both.covariances[:1], both.heights[:1], both.calls)
+    run = adaptive_importance.draws(target, one, 4000, rng=rng)
     masses = np.bincount(both.label(run.samples), run.weights)
     np.testing.assert_allclose(masses, [0.5, 0.5], atol=0.05)
-    exact = brute_force.landmark_reference(target).log_evidence
+    exact = landmark_reference(target).log_evidence
     assert run.log_evidence == pytest.approx(exact, abs=0.1)
 
 
@@ -67,9 +70,11 @@ def test_bent_modes_of_a_window(n_ranges):
     and 0.03: some four standard errors."""
     target, rng = window(n_ranges, seed=101), np.random.default_rng(4)
     reference, modes = contest.window_truth(target, 6000, rng=rng)
-    own = many_starts.find_modes(target, rng.standard_normal((100, 9)))
-    run = adaptive.draws(target, own, 10_000, rng=rng)
-    assert effective_sample_size.effective_sample_size(run.weights) > 0.7 * adaptive.ENOUGH
+    own = find_modes(target, rng.standard_normal((100, 9)))
+    run = adaptive_importance.draws(target, own, 10_000, rng=rng)
+    assert (
+        effective_sample_size.effective_sample_size(run.weights) > 0.7 * adaptive_importance.ENOUGH
+    )
     assert run.weights.sum() == pytest.approx(1)
     exact = reference.masses(modes.label(reference.points), len(modes.places))
     found = np.bincount(modes.label(run.samples), run.weights, minlength=len(exact))

@@ -8,23 +8,19 @@ import pytest
 from helpers import SIGMAS, a_world, anchors, window
 from scipy import stats
 
-from sngr_utils import (
-    ancestral,
-    brute_force,
-    compiled_nested,
-    landmark_target,
-    many_starts,
-    nested,
-    window_target,
-)
+from sngr_utils.sampling import ancestral_priors
+from sngr_utils.sampling.modes import find_modes, ring_starts
+from sngr_utils.sampling.reference import landmark_reference, window_reference
+from sngr_utils.sampling.settings import SamplerSettings
+from sngr_utils.sampling.targets import ambiguous_window, compiled, landmark
 
-SETTINGS = nested.SamplerSettings(n_live=200, min_walks=25)
+SETTINGS = SamplerSettings(n_live=200, min_walks=25)
 
 
 def test_a_ring_is_drawn_as_it_is_weighed():
     """The mean of f over the prior is the integral of f, for a Gaussian f: 1. Without the factor
     1 / (2 pi r) it would not be. Five standard errors: one false alarm in two million."""
-    prior, rng = ancestral.ring(anchors(measured=1.0, sigma=0.5)), np.random.default_rng(0)
+    prior, rng = ancestral_priors.ring(anchors(measured=1.0, sigma=0.5)), np.random.default_rng(0)
     points = prior.draw(20_000, rng=rng)
     f = stats.multivariate_normal([0.3, 0.2], 0.2 * np.eye(2)).logpdf(points)
     ratio = np.exp(f - prior.log_density(points))
@@ -36,7 +32,7 @@ def test_a_ring_is_drawn_as_it_is_weighed():
 
 def test_a_gaussian_prior_is_drawn_as_it_is_weighed():
     mean, covariance = np.array([1.0, -2.0]), np.array([[2.0, 0.5], [0.5, 1.0]])
-    prior = ancestral.gaussian(mean, covariance, 3.0)
+    prior = ancestral_priors.gaussian(mean, covariance, 3.0)
     draws = prior.draw(4000, rng=np.random.default_rng(1))
     law = stats.multivariate_normal(mean, 3 * covariance)
     np.testing.assert_allclose(prior.log_density(draws[:50]), law.logpdf(draws[:50]))
@@ -47,10 +43,12 @@ def test_a_gaussian_prior_is_drawn_as_it_is_weighed():
 def test_evidence_and_masses_of_a_landmark(n):
     """From the ring, against quadrature: four of the run's own errors, and masses to 0.15, some
     four standard deviations at 200 live points."""
-    target = landmark_target.landmark_of(a_world(), SIGMAS, 5.0, 0, n) if n else anchors()
-    reference = brute_force.landmark_reference(target)
-    modes = many_starts.find_modes(target, many_starts.ring_starts(target))
-    run = ancestral.sample(target, ancestral.ring(target), SETTINGS, rng=np.random.default_rng(n))
+    target = landmark.landmark_of(a_world(), SIGMAS, 5.0, 0, n) if n else anchors()
+    reference = landmark_reference(target)
+    modes = find_modes(target, ring_starts(target))
+    run = ancestral_priors.sample(
+        target, ancestral_priors.ring(target), SETTINGS, rng=np.random.default_rng(n)
+    )
     assert abs(run.log_evidence - reference.log_evidence) < 4 * run.log_evidence_error
     exact = reference.masses(modes.label(reference.points), len(modes.places))
     found = np.bincount(modes.label(run.samples), run.weights, minlength=len(exact))
@@ -60,18 +58,18 @@ def test_evidence_and_masses_of_a_landmark(n):
 def test_root_to_leaves_agrees_with_poses_integrated_out():
     """Two poses and a landmark, eight numbers, from the tree; against the plane's quadrature."""
     the_world = a_world()
-    plane = landmark_target.landmark_of(the_world, SIGMAS, 5.0, 0, 2)
-    full = window_target.window_of(the_world, SIGMAS, 0.0, 1)
+    plane = landmark.landmark_of(the_world, SIGMAS, 5.0, 0, 2)
+    full = ambiguous_window.window_of(the_world, SIGMAS, 0.0, 1)
     joint = replace(
         full, unknown=True, prior_sigma=5.0, odometry=full.odometry[:1], pose_of=np.arange(2),
         ranges=plane.ranges, log_shares=np.zeros((2, 1)), landmarks=plane.centre[None],
     )  # fmt: skip
-    prior = ancestral.tree(joint)
+    prior = ancestral_priors.tree(joint)
     assert prior.dimension == 8
-    run = ancestral.sample_dynesty(joint, prior, SETTINGS, rng=np.random.default_rng(3))
-    reference = brute_force.landmark_reference(plane)
+    run = ancestral_priors.sample_dynesty(joint, prior, SETTINGS, rng=np.random.default_rng(3))
+    reference = landmark_reference(plane)
     assert abs(run.log_evidence - reference.log_evidence) < 4 * run.log_evidence_error + 0.05
-    modes = many_starts.find_modes(plane, many_starts.ring_starts(plane))
+    modes = find_modes(plane, ring_starts(plane))
     first = run.weights @ (modes.label(run.samples[:, 6:]) == 0)
     assert first == pytest.approx(0.5, abs=0.2)
 
@@ -79,17 +77,17 @@ def test_root_to_leaves_agrees_with_poses_integrated_out():
 @pytest.mark.parametrize("kind", ["window", "gaussian", "ring"])
 def test_the_compiled_sampler_sees_the_same_density(kind):
     rng = np.random.default_rng(4)
-    target = window(2) if kind == "window" else landmark_target.landmark_of(
+    target = window(2) if kind == "window" else landmark.landmark_of(
         a_world(), SIGMAS, 5.0, 0, 3
     )  # fmt: skip
     d = target.dimension
     spread, mean = rng.standard_normal((d, d)) / 9 + np.eye(d), rng.standard_normal(d)
-    prior = ancestral.gaussian(mean, spread @ spread.T, 1.0)
+    prior = ancestral_priors.gaussian(mean, spread @ spread.T, 1.0)
     if kind == "ring":
-        prior = ancestral.ring(target)
+        prior = ancestral_priors.ring(target)
     normals = rng.standard_normal((20, d))
     energies = [
-        compiled_nested.energy_at(prior.factors(target), prior.lower @ z) for z in normals
+        compiled.energy_at(prior.factors(target), prior.lower @ z) for z in normals
     ]  # fmt: skip
     points = np.array([prior.push(z) for z in normals])
     np.testing.assert_allclose(energies, prior.log_density(points) - target(points), atol=1e-9)
@@ -100,12 +98,12 @@ def test_evidence_and_masses_of_a_window(n_ranges):
     """The tree and a wide Gaussian, compiled, against particle filters: four errors of both, and
     0.1 for what walks of fifty steps leave."""
     target, rng = window(n_ranges), np.random.default_rng(5)
-    reference = brute_force.window_reference(target, 5000, rng=rng)
-    settings = nested.SamplerSettings(n_live=400, min_walks=50)
-    tree = ancestral.tree(target)
-    modes = many_starts.find_modes(target, tree.draw(16, rng=rng))
+    reference = window_reference(target, 5000, rng=rng)
+    settings = SamplerSettings(n_live=400, min_walks=50)
+    tree = ancestral_priors.tree(target)
+    modes = find_modes(target, tree.draw(16, rng=rng))
     exact = reference.masses(modes.label(reference.points), len(modes.places))
-    run = ancestral.sample(target, tree, settings, rng=rng)
+    run = ancestral_priors.sample(target, tree, settings, rng=rng)
     error = math.hypot(run.log_evidence_error, reference.log_evidence_error)
     assert abs(run.log_evidence - reference.log_evidence) < 4 * error + 0.1
     found = np.bincount(modes.label(run.samples), run.weights, minlength=len(exact))
@@ -117,14 +115,14 @@ def test_dynesty_and_the_compiled_sampler_agree(case):
     """Four standard errors of both, and no ring or Gaussian left out."""
     if case == "window":
         target = window(2)
-        prior = ancestral.tree(target)
+        prior = ancestral_priors.tree(target)
     else:
         target = anchors()
-        wide = ancestral.gaussian(target.centre, np.eye(2), 25.0)
-        prior = ancestral.ring(target) if case == "ring" else wide
+        wide = ancestral_priors.gaussian(target.centre, np.eye(2), 25.0)
+        prior = ancestral_priors.ring(target) if case == "ring" else wide
     runs = [
         sampler(target, prior, SETTINGS, rng=np.random.default_rng(6))
-        for sampler in (ancestral.sample_dynesty, ancestral.sample)
+        for sampler in (ancestral_priors.sample_dynesty, ancestral_priors.sample)
     ]
     error = math.hypot(*(run.log_evidence_error for run in runs))
     assert abs(runs[0].log_evidence - runs[1].log_evidence) < 4 * error
@@ -133,6 +131,8 @@ def test_dynesty_and_the_compiled_sampler_agree(case):
 def test_the_compiled_sampler_refuses_what_it_cannot_do():
     target = replace(window(), unknown=True)
     with pytest.raises(ValueError, match="unknown landmark"):
-        ancestral.sample(target, ancestral.tree(target), SETTINGS, rng=np.random.default_rng(7))
+        ancestral_priors.sample(
+            target, ancestral_priors.tree(target), SETTINGS, rng=np.random.default_rng(7)
+        )
     with pytest.raises(ValueError, match="unknown"):
         target.over(np.zeros(9), np.eye(9))

@@ -2,7 +2,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from sngr_utils import bench, cost, nested, plots, refine, report, windows
+from sngr_utils import bench, cost, plots, refine, report, windows
+from sngr_utils.sampling import settings
 from sngr_utils.slam import conventions
 from sngr_utils.world.scenario import Scenario
 from sngr_utils.world.simulation import simulate
@@ -108,7 +109,7 @@ def test_reference_is_that_of_the_likelihood(noisy):
     """Against a second reference with other draws, at 5 standard errors."""
     likelihood = refine.window_likelihood(noisy.solution, 9, 0.5)
     first, second = (
-        bench.reference(likelihood, noisy.covariances[9], nested.SamplerSettings(), 20_000,
+        bench.reference(likelihood, noisy.covariances[9], settings.SamplerSettings(), 20_000,
                         rng=np.random.default_rng(seed))
         for seed in (0, 1)
     )  # fmt: skip

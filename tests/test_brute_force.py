@@ -10,7 +10,9 @@ from gtsam.symbol_shorthand import X
 from helpers import SIGMAS, WEAK, a_world, anchors, window
 from scipy import integrate, stats
 
-from sngr_utils import brute_force, landmark_target, many_starts, window_target
+from sngr_utils.sampling.modes import find_modes, laplace_draws, ring_starts
+from sngr_utils.sampling.reference import Reference, cells, landmark_reference, window_reference
+from sngr_utils.sampling.targets import ambiguous_window, landmark
 from sngr_utils.slam.factors import odometry_factor, pose_prior
 from sngr_utils.world import dead_reckoning
 
@@ -39,17 +41,17 @@ def test_integrating_poses_out_to_first_order_is_accurate(n):
     """Against a Monte Carlo mean over the poses, at places drawn from the posterior: to 5 %. A
     false alarm is a deviation of five more standard errors at one of six places: less than 1e-5."""
     the_world, rng = a_world(), np.random.default_rng(2)
-    target = landmark_target.landmark_of(the_world, SIGMAS, 5.0, 0, n)
-    reference = brute_force.landmark_reference(target)
+    target = landmark.landmark_of(the_world, SIGMAS, 5.0, 0, n)
+    reference = landmark_reference(target)
     places = reference.points[rng.choice(len(reference.points), 3, p=reference.weights)]
     mine = np.flatnonzero(the_world.label_of == 0)[:n]
     joint = replace(
-        window_target.window_of(the_world, SIGMAS, 0.0, 1), unknown=True, prior_sigma=5.0,
+        ambiguous_window.window_of(the_world, SIGMAS, 0.0, 1), unknown=True, prior_sigma=5.0,
         odometry=the_world.odometry[: n - 1], pose_of=np.arange(n), ranges=the_world.ranges[mine],
         log_shares=np.zeros((n, 1)), landmarks=target.centre[None],
     )  # fmt: skip
     noises = rng.standard_normal((200_000, joint.n_noises))
-    prior = -0.5 * (np.sum(noises**2, axis=1) + joint.n_noises * window_target.LOG_TAU)
+    prior = -0.5 * (np.sum(noises**2, axis=1) + joint.n_noises * ambiguous_window.LOG_TAU)
     for place in places:
         points = np.hstack([noises, np.tile(place, (len(noises), 1))])
         density = np.exp(joint(points) - prior)
@@ -61,7 +63,7 @@ def test_integrating_poses_out_to_first_order_is_accurate(n):
 def test_a_landmark_that_a_range_cannot_belong_to_does_not_count():
     """With p = 0 the mixture is the one Gaussian of the attached landmark."""
     the_world = a_world()
-    target = window_target.window_of(the_world, SIGMAS, 0.0, 2)
+    target = ambiguous_window.window_of(the_world, SIGMAS, 0.0, 2)
     noises = 0.1 * np.random.default_rng(8).standard_normal((3, 90))
     where = target.positions(noises)[:, target.pose_of]
     distances = np.linalg.norm(where - the_world.landmarks[np.tile([0, 1], 30)], axis=2)
@@ -71,14 +73,14 @@ def test_a_landmark_that_a_range_cannot_belong_to_does_not_count():
 
 def test_landmark_of_needs_a_range_from_every_pose():
     with pytest.raises(ValueError, match="n is 31"):
-        landmark_target.landmark_of(a_world(), SIGMAS, 5.0, 0, 31)
+        landmark.landmark_of(a_world(), SIGMAS, 5.0, 0, 31)
 
 
 def test_window_of_names_what_is_wrong():
     with pytest.raises(ValueError, match="p is 1"):
-        window_target.window_of(a_world(), SIGMAS, 1.5, 1)
+        ambiguous_window.window_of(a_world(), SIGMAS, 1.5, 1)
     with pytest.raises(ValueError, match="n_ranges"):
-        window_target.window_of(a_world(), SIGMAS, 0.4, 0)
+        ambiguous_window.window_of(a_world(), SIGMAS, 0.4, 0)
 
 
 # --- quadrature -----------------------------------------------------------------------------
@@ -86,13 +88,13 @@ def test_window_of_names_what_is_wrong():
 
 def test_evidence_of_one_range_is_a_radial_integral():
     """The prior is centred on the only position, so what is left is one integral over radii."""
-    target = landmark_target.Landmark(
+    target = landmark.Landmark(
         np.zeros((1, 2)), np.zeros((2, 2)), np.array([3.0]), 0.1, np.zeros(2), 5.0
     )
     exact = integrate.quad(
         lambda r: r / 25 * math.exp(-0.5 * (r / 5) ** 2) * stats.norm.pdf(3, r, 0.1), 2, 4
     )[0]
-    found = brute_force.landmark_reference(target)
+    found = landmark_reference(target)
     assert found.log_evidence == pytest.approx(math.log(exact), abs=1e-10)
     assert found.log_evidence_error < 1e-8
 
@@ -102,9 +104,9 @@ def test_quadrature_agrees_with_an_independent_grid_and_knows_its_error():
     axis = np.arange(-8, 8, 0.02)
     plane = np.stack(np.meshgrid(axis + 2, axis), axis=-1).reshape(-1, 2)
     independent = np.logaddexp.reduce(target(plane)) + 2 * math.log(0.02)
-    fine = brute_force.landmark_reference(target)
+    fine = landmark_reference(target)
     assert fine.log_evidence == pytest.approx(independent, abs=1e-6)
-    coarse = brute_force.landmark_reference(target, 8, 40)
+    coarse = landmark_reference(target, 8, 40)
     assert 1e-4 < abs(coarse.log_evidence - independent) < 3 * coarse.log_evidence_error
     upper, error = fine.mean((fine.points[:, 1] > 0).astype(float))
     assert upper == pytest.approx(0.5, abs=0.01)
@@ -113,7 +115,7 @@ def test_quadrature_agrees_with_an_independent_grid_and_knows_its_error():
 
 def test_grids_that_cannot_be_halved_are_refused():
     with pytest.raises(ValueError, match="n_angles"):
-        brute_force.landmark_reference(anchors(), 8, 41)
+        landmark_reference(anchors(), 8, 41)
 
 
 def gaussian_reference(mean, covariance):
@@ -122,7 +124,7 @@ def gaussian_reference(mean, covariance):
     points = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     log_density = stats.multivariate_normal(mean, covariance).logpdf(points)
     weights = np.exp(log_density) * 0.01
-    return brute_force.Reference(
+    return Reference(
         points, weights / weights.sum(), log_density, np.arange(len(points)) % 2, 0.0, 0.0
     )
 
@@ -156,8 +158,10 @@ def test_filters_agree_with_quadrature_of_one_pose():
     axis = np.arange(-6, 6, 0.02)
     noises = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     noises = np.column_stack([noises, np.zeros(len(noises))])
-    exact = np.logaddexp.reduce(target(noises)) + 2 * math.log(0.02) + 0.5 * window_target.LOG_TAU
-    found = brute_force.window_reference(target, 5000, rng=np.random.default_rng(3))
+    exact = (
+        np.logaddexp.reduce(target(noises)) + 2 * math.log(0.02) + 0.5 * ambiguous_window.LOG_TAU
+    )
+    found = window_reference(target, 5000, rng=np.random.default_rng(3))
     assert found.log_evidence_error < 0.05
     assert abs(found.log_evidence - exact) < 5 * found.log_evidence_error
 
@@ -168,7 +172,7 @@ def test_filters_agree_with_plain_draws_from_the_prior():
     target, rng = window(2, range_sigma=0.5), np.random.default_rng(4)
     noises = rng.standard_normal((200_000, 9))
     likelihood = np.exp(target.log_likelihoods(noises, 0, 3))
-    found = brute_force.window_reference(target, 5000, rng=rng)
+    found = window_reference(target, 5000, rng=rng)
     plain = likelihood.std() / likelihood.mean() / math.sqrt(len(noises))
     error = math.hypot(found.log_evidence_error, plain)
     assert abs(found.log_evidence - math.log(likelihood.mean())) < 5 * error
@@ -182,8 +186,7 @@ def test_what_is_kept_of_the_particles_stands_for_all():
     errors of ten filters each."""
     target = window(2, range_sigma=0.5)
     runs = [
-        brute_force.window_reference(target, 4000, kept, rng=np.random.default_rng(9))
-        for kept in (None, 1000)
+        window_reference(target, 4000, kept, rng=np.random.default_rng(9)) for kept in (None, 1000)
     ]
     assert [len(run.points) for run in runs] == [40_000, 10_000]
     means = [run.mean(target.positions(run.points)[:, -1, 0]) for run in runs]
@@ -195,7 +198,7 @@ def test_what_is_kept_of_the_particles_stands_for_all():
 
 def test_filters_refuse_an_unknown_landmark():
     with pytest.raises(ValueError, match="unknown"):
-        brute_force.window_reference(window(unknown=True), 10, rng=np.random.default_rng(0))
+        window_reference(window(unknown=True), 10, rng=np.random.default_rng(0))
 
 
 # --- cells ----------------------------------------------------------------------------------
@@ -203,7 +206,7 @@ def test_filters_refuse_an_unknown_landmark():
 
 def test_cells_share_the_mass_and_tell_a_missed_half():
     reference = gaussian_reference([0.0, 0.0], np.eye(2))
-    parts = brute_force.cells(reference.points, reference.weights)
+    parts = cells(reference.points, reference.weights)
     assert len(parts.masses) == 16
     assert parts.masses.sum() == pytest.approx(1)
     assert parts.masses.min() > 0.03
@@ -220,11 +223,11 @@ def test_cells_share_the_mass_and_tell_a_missed_half():
 
 def test_many_starts_find_both_places_of_a_landmark():
     target, rng = anchors(), np.random.default_rng(6)
-    modes = many_starts.find_modes(target, many_starts.ring_starts(target))
+    modes = find_modes(target, ring_starts(target))
     np.testing.assert_allclose(sorted(modes.places[:, 1]), [-math.sqrt(5), math.sqrt(5)], atol=0.01)
     assert modes.log_masses[0] == pytest.approx(modes.log_masses[1], abs=1e-3)
-    reference = brute_force.landmark_reference(target)
-    one = many_starts.laplace_draws(modes, 100, rng=rng)
+    reference = landmark_reference(target)
+    one = laplace_draws(modes, 100, rng=rng)
     assert set(modes.label(one.samples)) == {0}
     assert one.log_evidence == pytest.approx(reference.log_evidence - math.log(2), abs=0.1)
 
@@ -232,7 +235,7 @@ def test_many_starts_find_both_places_of_a_landmark():
 def test_heights_and_calls_of_an_ascent():
     """A window's modes are where its gradient vanishes, and no start ends higher."""
     target, rng = window(2), np.random.default_rng(7)
-    modes = many_starts.find_modes(target, rng.standard_normal((20, 9)))
+    modes = find_modes(target, rng.standard_normal((20, 9)))
     np.testing.assert_allclose(modes.heights, target(modes.places))
     assert (np.diff(modes.heights) <= 0).all()
     for place in modes.places:
@@ -243,7 +246,7 @@ def test_heights_and_calls_of_an_ascent():
 
 def test_the_labels_of_points_are_those_of_the_likeliest_gaussian():
     target, rng = window(1), np.random.default_rng(8)
-    modes = many_starts.find_modes(target, rng.standard_normal((20, 9)))
+    modes = find_modes(target, rng.standard_normal((20, 9)))
     points = modes.places[rng.integers(len(modes.places), size=50)] + rng.standard_normal((50, 9))
     laws = [
         stats.multivariate_normal(*m) for m in zip(modes.places, modes.covariances, strict=True)
@@ -255,4 +258,4 @@ def test_the_labels_of_points_are_those_of_the_likeliest_gaussian():
 def test_no_maximum_is_an_error():
     """By symmetry an ascent from the line of two anchors stays on it, and ends at the saddle."""
     with pytest.raises(ValueError, match="none of 1 starts"):
-        many_starts.find_modes(anchors(), np.array([[2.0, 0.0]]))
+        find_modes(anchors(), np.array([[2.0, 0.0]]))

@@ -4,8 +4,11 @@ import pytest
 from gtsam.symbol_shorthand import L, X
 from scipy.special import ndtri
 
-from sngr_utils import compiled, importance, nested, windows
+from sngr_utils import windows
 from sngr_utils.numerics.normal import normal_quantile
+from sngr_utils.sampling import importance, settings
+from sngr_utils.sampling.targets import compiled
+from sngr_utils.sampling.targets.likelihood import LocalLikelihood
 
 
 def random_graph(rng):
@@ -40,7 +43,7 @@ def test_errors_are_those_of_gtsam(seed):
     graph, values = random_graph(rng)
     keys = [X(1), X(2), L(1)]
     touching = windows.touching_factors(graph, keys)
-    likelihood = nested.LocalLikelihood(touching, values, keys, 0.7)
+    likelihood = LocalLikelihood(touching, values, keys, 0.7)
     factors = compiled.flatten(touching, values, keys, 0.7)
     assert factors.dimension == likelihood.dimension == 8
     xis = rng.normal(size=(300, 8)) * rng.choice([1e-3, 0.1, 3.0], size=(300, 1))
@@ -56,7 +59,7 @@ def test_residuals_are_the_whitened_errors_of_gtsam(seed):
     graph, values = random_graph(rng)
     keys = [X(1), X(2), L(1)]
     factors = compiled.flatten(graph, values, keys, 1.0)
-    likelihood = nested.LocalLikelihood(graph, values, keys, 1.0)
+    likelihood = LocalLikelihood(graph, values, keys, 1.0)
     xi, out = rng.normal(size=8), np.empty(factors.n_residuals)
     compiled.residuals(factors, xi, factors.poses.copy(), factors.points.copy(), out)
     moved = gtsam.Values(values)
@@ -109,7 +112,7 @@ def test_the_linear_term_is_added_and_moves_the_mode_as_it_should():
         assert extra == pytest.approx(slope @ xi)
     covariance = np.array([[1.0, 0.3], [0.3, 0.5]])
     run = importance.sample(
-        tilted, np.linalg.cholesky(covariance), importance.FastSettings(),
+        tilted, np.linalg.cholesky(covariance), settings.FastSettings(),
         rng=np.random.default_rng(0),
     )  # fmt: skip
     precision = np.diag(sigmas**-2) + np.linalg.inv(covariance)

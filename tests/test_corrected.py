@@ -10,13 +10,7 @@ from scipy import stats
 
 from sngr_utils import (
     baseline,
-    compiled,
-    compiled_nested,
     corrected,
-    importance,
-    laplace,
-    nested,
-    place,
     posterior,
     refine,
     refined_sweep,
@@ -25,6 +19,8 @@ from sngr_utils import (
     windows,
 )
 from sngr_utils.metrics import rmse_and_nees
+from sngr_utils.sampling import compiled_nested, importance, laplace, settings
+from sngr_utils.sampling.targets import compiled, place
 from sngr_utils.slam import conventions, levenberg_marquardt
 from sngr_utils.slam.factors import range_factor
 from sngr_utils.slam.solution import Solution, poses_of
@@ -97,7 +93,7 @@ def test_the_corrected_posterior_of_a_quiet_world_is_the_linear_one(quiet, separ
     t, keys = 3, windows.window_keys(3)
     aim = posterior.target(solution, t, base.covariances[t], separators)
     run = corrected.sample_target(
-        aim, 4.0, nested.SamplerSettings(), rng=np.random.default_rng(0)
+        aim, 4.0, settings.SamplerSettings(), rng=np.random.default_rng(0)
     )  # fmt: skip
     if separators == "conditional":
         exact = windows.conditional_covariance(solution.graph, solution.estimate, keys)
@@ -157,14 +153,14 @@ def test_laplace_is_exact_for_a_gaussian():
     root = rng.normal(size=(9, 9))
     precision, cholesky = root @ root.T + np.eye(9), np.diag(rng.uniform(0.5, 2, 9))
     factors = sampler_audit.gaussian_factors(precision)
-    found = laplace.laplace(factors, cholesky, rng.normal(size=9))
+    found = laplace.laplace_approximation(factors, cholesky, rng.normal(size=9))
     covariance = np.linalg.inv(precision + np.diag(np.diag(cholesky) ** -2.0))
     assert np.allclose(found.covariance, covariance, rtol=1e-6, atol=1e-9)
     log_z = 0.5 * np.linalg.slogdet(covariance)[1] - np.log(np.diag(cholesky)).sum()
     assert found.log_evidence == pytest.approx(log_z, abs=1e-6)
     run = laplace.sample(factors, cholesky, 5000, rng=rng)  # five errors: 6e-7
     assert abs(run.log_evidence - log_z) < 5 * run.log_evidence_error
-    other = importance.sample(factors, cholesky, importance.FastSettings(), rng=rng)
+    other = importance.sample(factors, cholesky, settings.FastSettings(), rng=rng)
     assert abs(other.log_evidence - log_z) < 5 * other.log_evidence_error
 
 
@@ -172,7 +168,7 @@ def test_laplace_is_exact_for_a_gaussian():
 def test_laplace_needs_a_peak_not_a_sharp_one(bend):
     """Likelihoods that flatten the unit prior or sharpen it: precision 1 + bend on every axis."""
     factors = sampler_audit.gaussian_factors(bend * np.eye(3))
-    found = laplace.laplace(factors, np.eye(3), np.full(3, 0.7))
+    found = laplace.laplace_approximation(factors, np.eye(3), np.full(3, 0.7))
     assert found.covariance == pytest.approx(np.eye(3) / (1 + bend), abs=1e-6 / (1 + bend))
     assert found.mode == pytest.approx(np.zeros(3), abs=1e-6)
     assert found.log_evidence == pytest.approx(-1.5 * np.log(1 + bend), abs=1e-6)
@@ -180,7 +176,7 @@ def test_laplace_needs_a_peak_not_a_sharp_one(bend):
 
 def test_no_laplace_at_a_saddle():
     factors = sampler_audit.gaussian_factors(-4 * np.eye(9))
-    assert laplace.laplace(factors, np.eye(9), np.zeros(9)) is None
+    assert laplace.laplace_approximation(factors, np.eye(9), np.zeros(9)) is None
     assert laplace.sample(factors, np.eye(9), 100, rng=np.random.default_rng(0)) is None
 
 
@@ -197,7 +193,7 @@ def test_a_target_with_a_saddle_at_the_estimate_is_sampled_about_all_its_modes()
     )
     assert laplace.sample(two.factors, np.eye(2), 100, rng=np.random.default_rng(0)) is None
     run = corrected.sample_target(
-        aim, 4.0, nested.SamplerSettings(), rng=np.random.default_rng(0)
+        aim, 4.0, settings.SamplerSettings(), rng=np.random.default_rng(0)
     )  # fmt: skip
     axis = np.arange(-6, 6, 0.01)
     xi = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
@@ -222,7 +218,7 @@ def test_a_target_with_a_saddle_at_the_estimate_is_sampled_about_all_its_modes()
 def test_objections_to_the_weights_are_noted(monkeypatch):
     diagnostics = importance.Diagnostics(n_modes=8, converged=0.5, k_hat=0.1, ess=1000)
     draw = importance.sample(
-        sampler_audit.gaussian_factors(np.eye(3)), np.eye(3), importance.FastSettings(),
+        sampler_audit.gaussian_factors(np.eye(3)), np.eye(3), settings.FastSettings(),
         rng=np.random.default_rng(0),
     )  # fmt: skip
     monkeypatch.setattr(
@@ -230,7 +226,7 @@ def test_objections_to_the_weights_are_noted(monkeypatch):
     )
     factors = sampler_audit.gaussian_factors(-4 * np.eye(3))  # no peak at the estimate
     aim = SimpleNamespace(covariance=np.eye(3), corrected=lambda scale: factors)
-    run = corrected.sample_target(aim, 1.0, nested.SamplerSettings(), rng=None)
+    run = corrected.sample_target(aim, 1.0, settings.SamplerSettings(), rng=None)
     assert run.note == "modes, starts"
     assert run.calls == draw.calls
 
@@ -243,11 +239,11 @@ def test_other_engines_get_the_targets_prior_and_the_whole_likelihood(monkeypatc
 
     monkeypatch.setattr(corrected.engines, "sample_factors", watched)
     aim = SimpleNamespace(covariance="covariance", corrected=lambda scale: ("factors", scale))
-    ours = nested.SamplerSettings(n_live=77, min_walks=33, prior_scale=9.0)
+    ours = settings.SamplerSettings(n_live=77, min_walks=33, prior_scale=9.0)
     corrected.sample_target(aim, 2.5, ours, "nested", rng=None)
     assert asked["factors"] == ("factors", 2.5)
     assert (asked["covariance"], asked["engine"]) == ("covariance", "nested")
-    assert asked["sampler"] == nested.SamplerSettings(
+    assert asked["sampler"] == settings.SamplerSettings(
         n_live=77, min_walks=33, prior_scale=2.5, likelihood_factor=1.0
     )
 
@@ -260,7 +256,7 @@ def test_nothing_is_left_to_gain_after_batch(noisy):
 def test_corrected_run_moves_only_accepted_windows(noisy):
     run = corrected.run(
         noisy, [12, 13], corrected.CorrectedSettings(separators="conditional"),
-        nested.SamplerSettings(), corrected.NoiseGate(), rng=np.random.default_rng(0),
+        settings.SamplerSettings(), corrected.NoiseGate(), rng=np.random.default_rng(0),
     )  # fmt: skip
     assert [window.t for window in run.windows] == [12, 13]
     truth = noisy.world.poses[:, :2]
@@ -273,7 +269,7 @@ def test_widths_follow_the_gaussian_prediction(quiet):
     """A run of nine coordinates at an ESS of some 500: 10 % is at least three errors."""
     base, _ = quiet
     table = window_audit.widths(
-        base, [3], nested.SamplerSettings(min_walks=50), rng=np.random.default_rng(0)
+        base, [3], settings.SamplerSettings(min_walks=50), rng=np.random.default_rng(0)
     )
     assert np.allclose(table["over_conditional"], table["predicted_conditional"], rtol=0.1)
 

@@ -6,19 +6,21 @@ import pytest
 from gtsam.symbol_shorthand import L
 from scipy import stats
 
-from sngr_utils import (
-    bimodal,
-    compiled,
+from sngr_utils import bimodal, full_sngr, refine
+from sngr_utils.sampling import (
     compiled_nested,
+    dynesty_nested,
     engines,
-    full_sngr,
     importance,
-    nested,
-    refine,
+    pareto_k_hat,
+    prior_transform,
 )
-from sngr_utils.compiled_walk import CompiledWalk
+from sngr_utils.sampling import settings as settings_module
+from sngr_utils.sampling.compiled_walk import CompiledWalk
+from sngr_utils.sampling.settings import FastSettings, SamplerSettings
+from sngr_utils.sampling.targets import compiled
 
-LONG = nested.SamplerSettings(min_walks=50)
+LONG = SamplerSettings(min_walks=50)
 COMPILED = ["dynesty-compiled", "nested", "fast"]
 
 
@@ -70,7 +72,7 @@ def test_compiled_engines_agree_with_each_other_on_a_window(noisy):
     likelihood = refine.window_likelihood(noisy.solution, 12, 0.5)
     factors = engines.flattened(likelihood)
     cholesky = np.linalg.cholesky(noisy.covariances[12])
-    many = importance.FastSettings(n_draws=100_000)
+    many = FastSettings(n_draws=100_000)
     truth = importance.sample(factors, cholesky, many, rng=np.random.default_rng(0))
     assert truth.log_evidence_error < 0.003
     for engine, runs in (("nested", 40), ("fast", 40), ("dynesty-compiled", 6)):
@@ -111,7 +113,7 @@ def test_k_hat_is_blind_to_a_mode_it_never_saw_and_many_starts_are_not():
         rng = np.random.default_rng(seed)
         off = factors.points.copy()
         off[0, 1] += 0.5  # start off the saddle
-        single = importance.FastSettings(n_starts=1)
+        single = FastSettings(n_starts=1)
         one = importance.sample(factors._replace(points=off), cholesky, single, rng=rng)
         mass = np.exp(one.log_weights)[one.samples[:, 1] > -0.5].sum()
         missed += (min(mass, 1 - mass) < 0.01) and one.diagnostics.k_hat < 0.7
@@ -145,8 +147,8 @@ def test_an_audit_that_disagrees_takes_over(monkeypatch):
         return replace(draw, log_evidence=draw.log_evidence + 10)
 
     monkeypatch.setattr(importance, "sample", wrong)
-    always = importance.FastSettings(audit_share=1.0)
-    monkeypatch.setattr(importance, "FastSettings", lambda: always)
+    always = FastSettings(audit_share=1.0)
+    monkeypatch.setattr(settings_module, "FastSettings", lambda: always)
     run = engines.sample_factors(factors, covariance, LONG, "fast", rng=np.random.default_rng(0))
     assert "audit" in run.note
     assert abs(run.log_evidence - log_z) < 4.5 * run.log_evidence_error + 0.1
@@ -157,24 +159,24 @@ def test_pareto_shape_of_known_tails():
     rng = np.random.default_rng(0)
     for shape in (0.2, 0.5, 1.0):
         fits = [
-            importance.pareto_k_hat(stats.genpareto.rvs(shape, size=5000, random_state=rng))
+            pareto_k_hat.pareto_k_hat(stats.genpareto.rvs(shape, size=5000, random_state=rng))
             for _ in range(40)
         ]
         size = int(3 * np.sqrt(5000))
         expected = (size * shape + 5) / (size + 10)
         assert abs(np.mean(fits) - expected) < 4.5 * np.std(fits) / np.sqrt(40) + 0.03
-    assert importance.pareto_k_hat(np.ones(1000)) == -np.inf
+    assert pareto_k_hat.pareto_k_hat(np.ones(1000)) == -np.inf
 
 
 def test_walk_of_dynesty_moves_only_below_the_limit(noisy):
     likelihood = refine.window_likelihood(noisy.solution, 12, 0.5)
     factors = engines.flattened(likelihood)
     covariance = noisy.covariances[12]
-    run = nested.run_nested(
+    run = dynesty_nested.run_nested(
         lambda xi: compiled.log_likelihood(factors, xi),
-        nested.prior_transform(covariance, 1.0),
+        prior_transform.prior_transform(covariance, 1.0),
         9,
-        nested.SamplerSettings(n_live=50, min_walks=20, dlogz=2.0),
+        SamplerSettings(n_live=50, min_walks=20, dlogz=2.0),
         CompiledWalk(factors, np.linalg.cholesky(covariance), walks=20),
         rng=np.random.default_rng(0),
     )
@@ -186,7 +188,7 @@ def test_walk_of_dynesty_moves_only_below_the_limit(noisy):
 @pytest.mark.parametrize("engine", ["dynesty", *COMPILED])
 def test_windows_in_parallel_are_those_in_sequence(noisy, engine):
     """Serial, threads, processes, reversed: bit by bit the same."""
-    settings = nested.SamplerSettings(n_live=20, dlogz=20.0)
+    settings = SamplerSettings(n_live=20, dlogz=20.0)
     chosen = [5, 12]
     likelihoods = [refine.window_likelihood(noisy.solution, t, 0.5) for t in chosen]
     covariances = noisy.covariances[chosen]
@@ -236,7 +238,7 @@ def test_engine_is_checked_before_any_work(noisy):
 def test_settings_of_the_fast_path_are_checked():
     for name, value in {"n_starts": 0, "n_draws": 5, "audit_share": 1.5}.items():
         with pytest.raises(ValueError, match=name):
-            importance.FastSettings(**{name: value})
+            FastSettings(**{name: value})
 
 
 def test_trace_is_sorted_and_weights_sum_to_one():

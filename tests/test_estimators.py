@@ -5,9 +5,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sngr_utils import engines, estimators, nested, refine, windows
+from sngr_utils import estimators, refine, windows
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.robust import fastslam, losses
+from sngr_utils.sampling import engines
+from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.slam import conventions, isam2
 from sngr_utils.slam.solution import poses_of
 from sngr_utils.world import dead_reckoning, scenario, simulation, variations
@@ -91,7 +93,7 @@ def test_sngr_is_that_of_the_other_notebooks():
     solution = isam2.run_isam2(drawn, C)
     blocks = windows.covariances(solution)
     fired = windows.triggers(np.array([windows.score(block) for block in blocks]), estimators.TAU)
-    settings = nested.SamplerSettings(min_walks=engines.ENOUGH_WALKS)
+    settings = SamplerSettings(min_walks=engines.ENOUGH_WALKS)
     others = []
     for stream in np.random.default_rng(104).spawn(6):
         refined = refine.refine_windows(

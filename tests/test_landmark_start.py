@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from test_crediting import SIGMA, scans
 
-from sngr_utils import place
 from sngr_utils.online import landmarks as landmarks_module
 from sngr_utils.online import localisation
 from sngr_utils.online.data_association import DROPPED, Credit
 from sngr_utils.online.landmarks import _locate, drop_landmarks, start_landmarks, witnesses
+from sngr_utils.sampling.targets import place
 
 
 class Believed(SimpleNamespace):

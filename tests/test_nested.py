@@ -4,25 +4,29 @@ import pytest
 from gtsam.symbol_shorthand import L, X
 from scipy import stats
 
-from sngr_utils import nested, refine, windows
+from sngr_utils import refine, windows
+from sngr_utils.sampling import dynesty_nested, prior_transform
+from sngr_utils.sampling.settings import SamplerSettings
+from sngr_utils.sampling.targets.likelihood import LocalLikelihood
 
 
 def test_prior_transform_closed_form():
     """Equation "prior": L Phi^-1(u), L L^T = c Sigma."""
     sigma = np.array([[4.0, 1.0], [1.0, 2.0]])
-    transform = nested.prior_transform(sigma, 50.0)
+    transform = prior_transform.prior_transform(sigma, 50.0)
     assert np.allclose(transform(np.array([0.5, 0.5])), 0)
     one_sigma = stats.norm.cdf(1)
     assert np.allclose(transform(np.array([one_sigma, 0.5])), np.linalg.cholesky(50 * sigma)[:, 0])
     with pytest.raises(np.linalg.LinAlgError):
-        nested.prior_transform(-sigma, 1.0)
+        prior_transform.prior_transform(-sigma, 1.0)
 
 
 def test_prior_transform_has_the_covariance():
     """Chi-square of 5000 whitened draws. Failure probability 2e-5."""
     sigma = np.array([[4.0, 1.0], [1.0, 2.0]])
     draws = np.array([
-        nested.prior_transform(sigma, 2.0)(u) for u in np.random.default_rng(0).random((5000, 2))
+        prior_transform.prior_transform(sigma, 2.0)(u)
+        for u in np.random.default_rng(0).random((5000, 2))
     ])
     distance = np.sum(draws * np.linalg.solve(2 * sigma, draws.T).T)
     assert 1e-5 < stats.chi2.cdf(distance, 10_000) < 1 - 1e-5
@@ -48,7 +52,7 @@ def test_local_likelihood_is_minus_factor_times_gtsam_error(noisy):
 def test_local_likelihood_moves_points_too(noisy):
     solution, keys = noisy.solution, [L(2), X(4)]
     factors = windows.touching_factors(solution.graph, keys)
-    likelihood = nested.LocalLikelihood(factors, solution.estimate, keys, 1.0)
+    likelihood = LocalLikelihood(factors, solution.estimate, keys, 1.0)
     assert likelihood.dimension == 5
     landmark, pose = likelihood.variables(np.array([0.1, -0.2, 0.0, 0.0, 0.0]))
     moved = landmark - solution.estimate.atPoint2(L(2))
@@ -62,7 +66,7 @@ def test_headings_across_pi_are_no_special_case():
     noise = gtsam.noiseModel.Isotropic.Sigma(3, 0.1)
     graph.push_back(gtsam.PriorFactorPose2(X(0), gtsam.Pose2(0, 0, np.pi - 0.01), noise))
     values.insert(X(0), gtsam.Pose2(0, 0, -np.pi + 0.01))
-    likelihood = nested.LocalLikelihood(graph, values, [X(0)], 1.0)
+    likelihood = LocalLikelihood(graph, values, [X(0)], 1.0)
     assert likelihood(np.zeros(3)) == pytest.approx(-0.5 * (0.02 / 0.1) ** 2)
     assert likelihood(np.array([0, 0, -0.02])) == pytest.approx(0, abs=1e-12)
 
@@ -84,10 +88,12 @@ def test_sampler_on_an_analytic_gaussian_in_nine_dimensions():
     factor = rng.normal(size=(9, 9))
     covariance = factor @ factor.T / 9 + 0.1 * np.eye(9)
     precision = np.linalg.inv(covariance)
-    transform = nested.prior_transform(np.eye(9), 1.0)
-    settings = nested.SamplerSettings(min_walks=50)
+    transform = prior_transform.prior_transform(np.eye(9), 1.0)
+    settings = SamplerSettings(min_walks=50)
     runs = [
-        nested.run_nested(lambda x: -0.5 * x @ precision @ x, transform, 9, settings, rng=stream)
+        dynesty_nested.run_nested(
+            lambda x: -0.5 * x @ precision @ x, transform, 9, settings, rng=stream
+        )
         for stream in rng.spawn(6)
     ]
     errors = [run.log_evidence - gaussian_evidence(covariance) for run in runs]
@@ -104,11 +110,11 @@ def test_sampler_on_an_analytic_gaussian_in_nine_dimensions():
 
 def test_same_generator_same_run_and_summary():
     def sample(seed):
-        return nested.run_nested(
+        return dynesty_nested.run_nested(
             lambda x: -0.5 * x @ x,
-            nested.prior_transform(np.eye(2), 4.0),
+            prior_transform.prior_transform(np.eye(2), 4.0),
             2,
-            nested.SamplerSettings(n_live=50),
+            SamplerSettings(n_live=50),
             rng=np.random.default_rng(seed),
         )
 
@@ -128,7 +134,7 @@ def test_canonical_walk_ignores_the_sign_and_rotation_of_the_axes():
     axes = rng.normal(size=(4, 4))
     rotation, _ = np.linalg.qr(rng.normal(size=(4, 4)))
     flips = np.diag([1.0, -1.0, 1.0, -1.0])
-    walk = nested.CanonicalWalk(walks=9, ndim=4)
+    walk = dynesty_nested.CanonicalWalk(walks=9, ndim=4)
 
     def prepared(matrix):
         (argument,) = walk.prepare_sampler(
@@ -149,4 +155,4 @@ def test_canonical_walk_ignores_the_sign_and_rotation_of_the_axes():
 )  # fmt: skip
 def test_bad_settings_name_the_parameter(name, value):
     with pytest.raises(ValueError, match=name):
-        nested.SamplerSettings(**{name: value})
+        SamplerSettings(**{name: value})

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L
 
-from sngr_utils import estimators, online_study, place
+from sngr_utils import estimators, online_study
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.online import belief, data_association, estimator, localisation, slips, smoother
 from sngr_utils.online.landmarks import _locate, drop_landmarks
 from sngr_utils.robust import losses, mutual_exclusion
+from sngr_utils.sampling.targets import place
 from sngr_utils.slam import conventions, selected_inverse
 from sngr_utils.world import scenario, simulation, variations
 

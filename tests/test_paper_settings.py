@@ -3,7 +3,9 @@
 import dynesty
 import numpy as np
 
-from sngr_utils import bimodal, cost, full_sngr, nested, refine, trigger_sweep, windows
+from sngr_utils import bimodal, cost, full_sngr, refine, trigger_sweep, windows
+from sngr_utils.sampling import dynesty_nested, prior_transform
+from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.slam import landmark_starts
 from sngr_utils.world import scenario
 
@@ -26,7 +28,7 @@ def test_windows():
 
 def test_sampler():
     """nlive 100, walks max(d, 9), dlogz 0.5, the prior as wide as Sigma_w, half the error()."""
-    settings = nested.SamplerSettings()
+    settings = SamplerSettings()
     assert settings.model_dump() == {
         "n_live": 100, "min_walks": 9, "dlogz": 0.5, "prior_scale": 1.0, "likelihood_factor": 0.5,
     }  # fmt: skip
@@ -68,9 +70,9 @@ def test_dynesty_is_given_the_settings(monkeypatch):
         return sampler
 
     monkeypatch.setattr(nested, "NestedSampler", watched)
-    settings = nested.SamplerSettings(n_live=25, min_walks=4, dlogz=3.0)
-    found = nested.run_nested(
-        lambda x: -0.5 * x @ x, nested.prior_transform(np.eye(2), 4.0), 2, settings,
+    settings = SamplerSettings(n_live=25, min_walks=4, dlogz=3.0)
+    found = dynesty_nested.run_nested(
+        lambda x: -0.5 * x @ x, prior_transform.prior_transform(np.eye(2), 4.0), 2, settings,
         rng=np.random.default_rng(0),
     )  # fmt: skip
     assert (seen["nlive"], seen["dlogz"], seen["print_progress"]) == (25, 3.0, False)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sngr_utils import compiled, mirror, place
+from sngr_utils import mirror
 from sngr_utils.online import localisation
+from sngr_utils.sampling.targets import compiled, place
 from sngr_utils.world import dead_reckoning, scenario, simulation
 
 

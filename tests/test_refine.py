@@ -4,9 +4,10 @@ import pytest
 from gtsam.symbol_shorthand import X
 from scipy import stats
 
-from sngr_utils import nested, refine
+from sngr_utils import refine
+from sngr_utils.sampling.settings import SamplerSettings
 
-FAST = nested.SamplerSettings(n_live=30, dlogz=2.0)
+FAST = SamplerSettings(n_live=30, dlogz=2.0)
 
 
 def window(t, pose, accepted=True):

@@ -9,10 +9,10 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
 
-from sngr_utils import place
 from sngr_utils.online import data_association, localisation
 from sngr_utils.online.data_association import DROPPED, Credit
 from sngr_utils.online.smoother import Smoother
+from sngr_utils.sampling.targets import place
 from sngr_utils.slam import selected_inverse, solution
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.factors import landmark_prior, odometry_factor, pose_prior, range_factor

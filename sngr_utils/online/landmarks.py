@@ -7,11 +7,11 @@ landmark on weights that are not sound, nested sampling is the referee.
 
 import numpy as np
 
-from sngr_utils import place
 from sngr_utils.online import localisation
 from sngr_utils.online.belief import Belief
 from sngr_utils.online.data_association import DROPPED
 from sngr_utils.robust import association
+from sngr_utils.sampling.targets import place
 from sngr_utils.slam import landmark_starts
 
 POSES_NEEDED = 4  # with three of a short arc, the mirror image is always there

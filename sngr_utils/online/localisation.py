@@ -13,8 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from sngr_utils import compiled, compiled_nested, importance, mirror
-from sngr_utils.place import Evidence
+from sngr_utils import mirror
+from sngr_utils.sampling import compiled_nested, importance
+from sngr_utils.sampling.settings import FastSettings
+from sngr_utils.sampling.targets import compiled
+from sngr_utils.sampling.targets.place import Evidence
 from sngr_utils.slam import landmark_starts
 
 N_LIVE, WALKS, DLOGZ = 100, 25, 0.5  # of the nested sampler, in two dimensions
@@ -110,7 +113,7 @@ def many_starts(evidence: Evidence, *, rng: np.random.Generator) -> tuple[Poster
     ------
     importance.NoModeError : no start ended in a mode
     """
-    settings = importance.FastSettings()
+    settings = FastSettings()
     found = importance.sample(
         evidence.factors, evidence.sigma * np.eye(2), settings,
         crossing_starts(evidence, settings.n_starts) - evidence.centre, rng=rng,

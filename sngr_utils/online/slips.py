@@ -9,10 +9,10 @@ the referee where their weights are not sound.
 import numpy as np
 from scipy import stats
 
-from sngr_utils import place
 from sngr_utils.online import data_association, localisation
 from sngr_utils.online.belief import SLIP_SIGMA, Belief
 from sngr_utils.robust import association
+from sngr_utils.sampling.targets import place
 
 SLIP_ODDS = np.log(100.0)  # nats that a slip must gain: one step in a hundred slips
 ROUGH = 3.0  # nats that a rough evidence may miss; within them it is computed well

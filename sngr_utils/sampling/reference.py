@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sngr_utils.landmark_target import Landmark
 from sngr_utils.metrics.effective_sample_size import effective_sample_size
 from sngr_utils.numerics.jit import compile_once
-from sngr_utils.window_target import Window, place, range_term
+from sngr_utils.sampling.targets.ambiguous_window import Window, place, range_term
+from sngr_utils.sampling.targets.landmark import Landmark
 
 N_RADII, N_ANGLES = 40, 720  # cells of the polar grid
 EMPTY = 1e-14  # mass of a cell that is left out

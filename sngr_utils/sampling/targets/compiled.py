@@ -2,7 +2,7 @@
 
 GTSAM stays the definition. `flatten` reads a GTSAM factor graph into plain arrays, `energy` and
 `residuals` compute from them what GTSAM's ``error()`` and whitened errors are, to rounding. A
-point is the same tangent vector xi about the MAP as everywhere (`nested.LocalLikelihood`).
+point is the same tangent vector xi about the MAP as everywhere (`likelihood.LocalLikelihood`).
 """
 
 import math
@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import gtsam
 import numpy as np
+from numba.extending import overload
 
 from sngr_utils.numerics.jit import compile_once
 
@@ -32,7 +33,7 @@ class Factors(NamedTuple):
         a point is its floor, see `range_residual`; 0 for an ordinary one
     quadratic : (d, d) Q of an additional energy 1/2 xi^T Q xi; (0, 0) for none
     linear : (d,) g of an additional energy g^T xi; (0,) for none
-    factor : on the sum of GTSAM's error(), see `nested.SamplerSettings`
+    factor : on the sum of GTSAM's error(), see `settings.SamplerSettings`
     """
 
     poses: np.ndarray
@@ -310,3 +311,21 @@ def log_likelihoods(factors, points_xi):
 def log_likelihood(factors, xi):
     """Log-likelihood at one (d,) point, [nats]."""
     return -energy(factors, xi, factors.poses.copy(), factors.points.copy(), math.inf)
+
+
+def evaluate(factors, x, poses, points, limit):
+    """Minus the log-likelihood at x, [nats]; compiled code chooses by the type of `factors`."""
+    raise NotImplementedError
+
+
+@overload(evaluate)
+def _evaluate_factors(factors, x, poses, points, limit):
+    if getattr(factors, "instance_class", None) is Factors:
+        return lambda factors, x, poses, points, limit: energy(factors, x, poses, points, limit)
+    return None
+
+
+@compile_once
+def energy_at(factors, x):
+    """`evaluate` at one (d,) point, to the end."""
+    return evaluate(factors, x, factors.poses.copy(), factors.points.copy(), math.inf)

@@ -6,15 +6,14 @@ it cannot be trusted: see `Diagnostics`.
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated
 
 import numpy as np
-from pydantic import Field
 
-from sngr_utils.compiled import Factors, energy, residuals
 from sngr_utils.numerics.jit import compile_once
 from sngr_utils.numerics.linalg import factorise, solve_lower, solve_upper
-from sngr_utils.settings import Checked
+from sngr_utils.sampling.pareto_k_hat import pareto_k_hat
+from sngr_utils.sampling.settings import FastSettings
+from sngr_utils.sampling.targets.compiled import Factors, energy, residuals
 
 DEGREES = 10.0  # of freedom of the proposal's Student t components
 MAX_MODES = 8
@@ -22,21 +21,6 @@ SAME_MODE = 1.0  # modes nearer than this in their own standard deviations are o
 MAX_K_HAT = 0.7  # Vehtari et al., Pareto smoothed importance sampling, JMLR 25 (2024)
 MIN_ESS = 200  # effective draws, below which `MORE` times as many are made
 MORE = 20
-
-
-class FastSettings(Checked):
-    """Settings of the fast path.
-
-    n_draws is multiplied by `MORE` where too few of the draws are effective.
-
-    n_starts : optimisations, the first at the MAP, the others at draws from the prior
-    n_draws : importance samples
-    audit_share : share of the windows, drawn at random, that nested sampling checks
-    """
-
-    n_starts: Annotated[int, Field(ge=1)] = 32
-    n_draws: Annotated[int, Field(ge=100)] = 600
-    audit_share: Annotated[float, Field(ge=0, le=1)] = 0.02
 
 
 @dataclass(frozen=True)
@@ -369,25 +353,3 @@ def _draw(
         modes=mixture[0] @ cholesky.T,
         diagnostics=Diagnostics(len(shares), converged, pareto_k_hat(weights), float(ess)),
     )
-
-
-def pareto_k_hat(weights: np.ndarray) -> float:
-    """Shape of a generalised Pareto law fitted to the largest of N weights; -inf if all equal.
-
-    Source: Zhang & Stephens, Technometrics 51 (2009) 316; tail length and shrinkage towards
-    one half as in Vehtari et al., JMLR 25 (2024).
-    """
-    n = len(weights)
-    size = int(min(0.2 * n, 3 * math.sqrt(n)))
-    tail = np.sort(np.partition(weights, n - size - 1)[n - size - 1 :])
-    excess = tail[1:] - tail[0]
-    if excess[-1] <= 1e-12 * tail[-1]:
-        return -math.inf
-    n_grid = 30 + int(math.sqrt(size))
-    grid = 1 - np.sqrt(n_grid / (np.arange(n_grid) + 0.5))
-    theta = grid / (3 * excess[(size + 2) // 4 - 1]) + 1 / excess[-1]
-    k = np.log1p(-theta[:, None] * excess).mean(axis=1)
-    log_profile = size * (np.log(-theta / k) - k - 1)
-    posterior = np.exp(log_profile - np.logaddexp.reduce(log_profile))
-    k_hat = np.log1p(-(theta @ posterior) * excess).mean()
-    return float((size * k_hat + 10 * 0.5) / (size + 10))

@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import overload
 
-from sngr_utils.compiled_nested import evaluate
 from sngr_utils.numerics.jit import compile_once
 from sngr_utils.numerics.normal import normal_quantile
-from sngr_utils.window_target import chain_positions
+from sngr_utils.sampling.targets.ambiguous_window import chain_positions
+from sngr_utils.sampling.targets.compiled import evaluate
 from sngr_utils.world.dead_reckoning import dead_reckoning
 from sngr_utils.world.simulation import World
 

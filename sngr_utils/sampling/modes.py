@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sngr_utils.compiled_nested import energy_at
-from sngr_utils.importance import SAME_MODE
-from sngr_utils.landmark_target import Landmark
-from sngr_utils.nested import NestedRun
 from sngr_utils.numerics.derivatives import derivatives
 from sngr_utils.numerics.jit import compile_once
 from sngr_utils.numerics.linalg import distances
-from sngr_utils.window_target import LOG_TAU, Window
+from sngr_utils.sampling.importance import SAME_MODE
+from sngr_utils.sampling.targets.ambiguous_window import LOG_TAU, Window
+from sngr_utils.sampling.targets.compiled import energy_at
+from sngr_utils.sampling.targets.landmark import Landmark
+from sngr_utils.sampling.weighted_samples import NestedRun
 
 STEP = 1e-4  # of the differences
 MAX_STEPS, FLAT = 200, 1e-3  # of an ascent, and the slope at which it ends

@@ -13,10 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from sngr_utils import compiled_nested
-from sngr_utils.landmark_target import Landmark, LandmarkFactors, ring_density, ring_place
-from sngr_utils.nested import NestedRun, SamplerSettings, run_nested
-from sngr_utils.window_target import LOG_TAU, Window, WindowFactors
+from sngr_utils.sampling import compiled_nested
+from sngr_utils.sampling.dynesty_nested import run_nested
+from sngr_utils.sampling.settings import SamplerSettings
+from sngr_utils.sampling.targets.ambiguous_window import LOG_TAU, Window, WindowFactors
+from sngr_utils.sampling.targets.landmark import Landmark, LandmarkFactors, ring_density, ring_place
+from sngr_utils.sampling.weighted_samples import NestedRun
 
 
 @dataclass(frozen=True)

@@ -7,42 +7,18 @@ from collections.abc import Sequence
 
 import joblib
 import numpy as np
-from pydantic import field_validator
 
-from sngr_utils import compiled, compiled_nested, importance
-from sngr_utils.compiled_walk import CompiledWalk
-from sngr_utils.nested import (
-    LocalLikelihood,
-    NestedRun,
-    SamplerSettings,
-    prior_transform,
-    run_nested,
-)
-from sngr_utils.settings import Checked
+from sngr_utils.sampling import compiled_nested, importance
+from sngr_utils.sampling.compiled_walk import CompiledWalk
+from sngr_utils.sampling.dynesty_nested import run_nested
+from sngr_utils.sampling.prior_transform import prior_transform
+from sngr_utils.sampling.settings import EngineChoice, FastSettings, SamplerSettings
+from sngr_utils.sampling.targets import compiled
+from sngr_utils.sampling.targets.likelihood import LocalLikelihood
+from sngr_utils.sampling.weighted_samples import NestedRun
 
-ENGINES = ("dynesty", "dynesty-compiled", "nested", "fast")
 ENOUGH_WALKS = 50  # steps at which the evidence has no bias that we can measure
 AUDIT_ERRORS = 4.0  # standard errors between two evidences that end the trust in the fast path
-
-
-class EngineChoice(Checked):
-    """engine : what draws the samples of a window
-
-    dynesty : dynesty, GTSAM's likelihood; the reference
-    dynesty-compiled : dynesty with its walk compiled
-    nested : compiled nested sampler
-    fast : many-start optimisation and importance sampling; where its own diagnostics or a
-        random audit object, the compiled nested sampler
-    """
-
-    engine: str = "dynesty"
-
-    @field_validator("engine")
-    @classmethod
-    def _known(cls, engine: str) -> str:
-        if engine not in ENGINES:
-            raise ValueError(f"engine is {engine!r}: it must be one of {', '.join(ENGINES)}")
-        return engine
 
 
 def sample_window(
@@ -129,7 +105,7 @@ def _fast(
     rng: np.random.Generator,
 ) -> NestedRun:
     """The fast path where it may be trusted, else the compiled nested sampler."""
-    fast_settings, checked = importance.FastSettings(), None
+    fast_settings, checked = FastSettings(), None
     walks = max(ENOUGH_WALKS, settings.walks(len(cholesky)))
     try:
         draw = importance.sample(factors, cholesky, fast_settings, rng=rng)

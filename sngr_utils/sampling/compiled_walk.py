@@ -1,6 +1,6 @@
 """dynesty with its random walk compiled, through dynesty's public sampler interface.
 
-The proposals are those of `nested.CanonicalWalk`, the likelihood is `compiled.energy`; dynesty
+The proposals are those of `dynesty_nested.CanonicalWalk`, the likelihood is `compiled.energy`; dynesty
 keeps the live points, the bounding ellipsoid, the step size and the evidence.
 """
 
@@ -10,10 +10,10 @@ import numpy as np
 from dynesty.internal_samplers import SamplerReturn
 from dynesty.utils import get_random_generator
 
-from sngr_utils.compiled import Factors, energy
-from sngr_utils.nested import CanonicalWalk
 from sngr_utils.numerics.jit import compile_once
 from sngr_utils.numerics.normal import normal_quantile
+from sngr_utils.sampling.dynesty_nested import CanonicalWalk
+from sngr_utils.sampling.targets.compiled import Factors, energy
 
 
 @compile_once
@@ -59,7 +59,7 @@ def _walk(factors, cholesky, u, limit, axes, scale, walks, rng):
 
 
 class CompiledWalk(CanonicalWalk):
-    """`nested.CanonicalWalk` with its loop compiled.
+    """`dynesty_nested.CanonicalWalk` with its loop compiled.
 
     Parameters
     ----------

@@ -10,10 +10,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import overload
 
-from sngr_utils.compiled import Factors, energy
 from sngr_utils.numerics.jit import compile_once
+from sngr_utils.sampling.targets.compiled import Factors, energy_at, evaluate
 
 HOP = 0.05  # share of steps of a full difference of live points, which can change the mode
 TARGET_ACCEPTANCE = 0.2
@@ -36,24 +35,6 @@ class Trace(NamedTuple):
     log_evidence: float
     log_evidence_error: float
     calls: int
-
-
-def evaluate(factors, x, poses, points, limit):
-    """Minus the log-likelihood at x, [nats]; compiled code chooses by the type of `factors`."""
-    raise NotImplementedError
-
-
-@overload(evaluate)
-def _evaluate_factors(factors, x, poses, points, limit):
-    if getattr(factors, "instance_class", None) is Factors:
-        return lambda factors, x, poses, points, limit: energy(factors, x, poses, points, limit)
-    return None
-
-
-@compile_once
-def energy_at(factors, x):
-    """`evaluate` at one (d,) point, to the end."""
-    return evaluate(factors, x, factors.poses.copy(), factors.points.copy(), math.inf)
 
 
 @compile_once
@@ -161,7 +142,7 @@ def sample(
     ----------
     factors : `compiled.Factors` or another tuple that `evaluate` knows
     cholesky : (d, d) lower-triangular L
-    n_live, dlogz : as in `nested.SamplerSettings`
+    n_live, dlogz : as in `settings.SamplerSettings`
     walks : steps of each random walk
 
     Source: Skilling, Bayesian Analysis 1 (2006) 833.

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaln
 
-from sngr_utils.compiled import Factors, log_likelihoods
-from sngr_utils.importance import DEGREES, MAX_K_HAT, pareto_k_hat
-from sngr_utils.nested import NestedRun
 from sngr_utils.numerics.derivatives import STEP, derivatives
+from sngr_utils.sampling.importance import DEGREES, MAX_K_HAT
+from sngr_utils.sampling.pareto_k_hat import pareto_k_hat
+from sngr_utils.sampling.targets.compiled import Factors, log_likelihoods
+from sngr_utils.sampling.weighted_samples import NestedRun
 
 MIN_ESS_SHARE = 0.1  # of the draws, below which they are not trusted
 
@@ -29,7 +30,7 @@ class Laplace:
     log_evidence: float
 
 
-def laplace(
+def laplace_approximation(
     factors: Factors, cholesky: np.ndarray, start: np.ndarray, spread: np.ndarray | None = None
 ) -> Laplace | None:
     """Newton's method from `start`, then the Gaussian of the full Hessian; None if it fails.
@@ -80,7 +81,7 @@ def sample(
     ----------
     cholesky : (d, d) lower-triangular L of the prior
     """
-    d, found = len(cholesky), laplace(factors, cholesky, np.zeros(len(cholesky)))
+    d, found = len(cholesky), laplace_approximation(factors, cholesky, np.zeros(len(cholesky)))
     if found is None:
         return None
     spread = np.linalg.cholesky(found.covariance)

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sngr_utils.importance import DEGREES
-from sngr_utils.landmark_target import Landmark
-from sngr_utils.many_starts import Modes, inverse_factors
 from sngr_utils.metrics.effective_sample_size import effective_sample_size
-from sngr_utils.nested import NestedRun
 from sngr_utils.numerics.jit import compile_once
 from sngr_utils.numerics.linalg import distances
-from sngr_utils.window_target import LOG_TAU, Window
+from sngr_utils.sampling.importance import DEGREES
+from sngr_utils.sampling.modes import Modes, inverse_factors
+from sngr_utils.sampling.targets.ambiguous_window import LOG_TAU, Window
+from sngr_utils.sampling.targets.landmark import Landmark
+from sngr_utils.sampling.weighted_samples import NestedRun
 
 N_CENTRES = 60  # weighted draws that become components
 MAX_DEPTH = 15.0  # nats below the highest mode, from which a mode gets no component

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import overload
 
-from sngr_utils.compiled_nested import evaluate
 from sngr_utils.numerics.jit import compile_once
+from sngr_utils.sampling.targets.compiled import evaluate
 from sngr_utils.world.simulation import World
 
 LOG_TAU = math.log(2 * math.pi)

@@ -1,17 +1,10 @@
-"""The posterior of one place in the plane, from ranges any of which may be wrong.
-
-A range does not care which of its ends is unknown. So this is the start of a landmark, seen
-from known poses, and it is also the position of a lost robot among known landmarks. After few
-ranges the posterior is a ring or a pair of mirror images: no Gaussian, and no place for one
-optimiser. Many starts come first, with importance sampling about the modes they end in; where
-its weights say that they missed something, nested sampling draws it.
-"""
+"""What is known of one place in the plane, from ranges any of which may be wrong."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from sngr_utils import compiled
+from sngr_utils.sampling.targets import compiled
 
 
 @dataclass(frozen=True)
