@@ -8,11 +8,12 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import estimators, online_study, online_tables, report, windows
+from sngr_utils import estimators, online_study, online_tables, report
 from sngr_utils.online import estimator, localisation
 from sngr_utils.sampling.targets import place
 from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.slam import conventions
+from sngr_utils.sngr import windows
 from sngr_utils.world import dead_reckoning, simulation
 from sngr_utils.world.scenario import ManyWorlds
 

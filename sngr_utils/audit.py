@@ -9,23 +9,14 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import (
-    corrected,
-    estimators,
-    refine,
-    refined_sweep,
-    report,
-    sampler_audit,
-    sweeps,
-    window_audit,
-    windows,
-)
-from sngr_utils.baseline import run_baseline
+from sngr_utils import estimators, refined_sweep, report, sampler_audit, sweeps, window_audit
 from sngr_utils.metrics import cluster_bootstrap, precision_recall, standard_error, summaries
 from sngr_utils.sampling import settings, weighted_samples
 from sngr_utils.settings import Positive, Probability
 from sngr_utils.slam import levenberg_marquardt
 from sngr_utils.slam.conventions import PRESETS
+from sngr_utils.sngr import corrected, noop_baseline, trigger, windows
+from sngr_utils.sngr.baseline import run_baseline
 from sngr_utils.world.scenario import ManyWorlds
 
 Levels = Annotated[list[Probability], Field(min_length=1)]
@@ -160,7 +151,7 @@ def _study(config: Config, preset: str, seed: int) -> list[pd.DataFrame]:
     rng = np.random.default_rng([seed, 6])
     sampler = settings.SamplerSettings(min_walks=50)
     n = len(base.covariances)
-    some = list(range(windows.FIRST_ELIGIBLE, n, max(1, n // 5)))
+    some = list(range(trigger.FIRST_ELIGIBLE, n, max(1, n // 5)))
     settled = levenberg_marquardt.converge(base.solution)
     covariances = windows.covariances(settled)
     at_rest = replace(base, solution=settled, covariances=covariances)
@@ -220,7 +211,7 @@ def noop_readings(config: Config) -> pd.DataFrame:
 def _noop(config: Config, preset: str, seed: int) -> pd.DataFrame:
     base = run_baseline(config.scenario, PRESETS[preset], NOOP_P, seed)
     table = sampler_audit.noop_readings(
-        base, config.tau_refined, refine.TriggerOnly(), rng=np.random.default_rng([seed, 8])
+        base, config.tau_refined, noop_baseline.TriggerOnly(), rng=np.random.default_rng([seed, 8])
     )
     return table.assign(preset=preset, seed=seed)
 

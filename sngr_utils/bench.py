@@ -11,8 +11,7 @@ import pandas as pd
 from gtsam.symbol_shorthand import L
 from pydantic import Field
 
-from sngr_utils import refine, report, windows
-from sngr_utils.baseline import Baseline
+from sngr_utils import report
 from sngr_utils.metrics import standard_error
 from sngr_utils.robust import losses
 from sngr_utils.sampling import engines, importance, weighted_samples
@@ -26,6 +25,8 @@ from sngr_utils.slam.factors import sure_factors
 from sngr_utils.slam.isam2 import run_isam2
 from sngr_utils.slam.marginals import gtsam_marginals, joint_covariance
 from sngr_utils.slam.solution import Solution, values_of
+from sngr_utils.sngr import refine, trigger, windows
+from sngr_utils.sngr.baseline import Baseline
 from sngr_utils.world.scenario import Scenario
 from sngr_utils.world.simulation import World, simulate
 
@@ -171,7 +172,7 @@ def timed(work: Callable[[], T]) -> tuple[T, float]:
 
 def spread_evenly(n: int, total: int) -> list[int]:
     """n of `total` windows, spread evenly, of those that may trigger."""
-    return np.linspace(windows.FIRST_ELIGIBLE, total - 1, n).round().astype(int).tolist()
+    return np.linspace(trigger.FIRST_ELIGIBLE, total - 1, n).round().astype(int).tolist()
 
 
 def reference(

@@ -7,8 +7,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import bench, parameters, refine, report, windows
-from sngr_utils.baseline import Baseline, run_baseline
+from sngr_utils import bench, parameters, report
 from sngr_utils.metrics import standard_error
 from sngr_utils.sampling import engines, importance, weighted_samples
 from sngr_utils.sampling.settings import FastSettings, SamplerSettings
@@ -17,6 +16,9 @@ from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.slam import selected_inverse
 from sngr_utils.slam.conventions import preset_conventions
 from sngr_utils.slam.isam2 import run_isam2
+from sngr_utils.sngr import gate, refine, windows
+from sngr_utils.sngr.baseline import Baseline, run_baseline
+from sngr_utils.sngr.closure import touching_factors, variable_closure
 from sngr_utils.world.scenario import Scenario
 
 EVERY = 3  # of the windows that do not trigger, every third is run and stands for all of them
@@ -172,7 +174,7 @@ def exhaustive_fast(config: Config) -> tuple[float, float]:
         covariances = selected_inverse.window_covariances(base.solution, base.world, conventions)
         return refine.refine_windows(
             base.solution, range(len(covariances)), covariances,
-            config.part(SamplerSettings), refine.Gate(), "fast",
+            config.part(SamplerSettings), gate.Gate(), "fast",
             rng=np.random.default_rng([config.seed, 1]),
         )  # fmt: skip
 
@@ -205,9 +207,9 @@ class ClosureCost:
 def closure_cost(config: Config, cost: Cost, t: int, *, rng: np.random.Generator) -> ClosureCost:
     """Time the three ways of writing the likelihood of window t, and check they agree."""
     solution, keys = cost.baseline.solution, windows.window_keys(t)
-    closed = windows.closure(solution.graph, keys)
-    whole = windows.touching_factors(solution.graph, list(closed))
-    factors = windows.touching_factors(solution.graph, keys)
+    closed = variable_closure(solution.graph, keys)
+    whole = touching_factors(solution.graph, list(closed))
+    factors = touching_factors(solution.graph, keys)
 
     def likelihood(chosen):
         return LocalLikelihood(chosen, solution.estimate, keys, config.likelihood_factor)

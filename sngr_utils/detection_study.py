@@ -11,11 +11,12 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from sngr_utils import calibration, detectors, leverage, windows
+from sngr_utils import calibration, detectors, leverage
 from sngr_utils.robust import em, losses
 from sngr_utils.slam import isam2, levenberg_marquardt, selected_inverse
 from sngr_utils.slam.conventions import PRESETS, Conventions
 from sngr_utils.slam.solution import Solution
+from sngr_utils.sngr import failure, trigger, windows
 from sngr_utils.world import simulation, variations
 from sngr_utils.world.scenario import Scenario
 
@@ -119,11 +120,11 @@ def window_rows(case: Case, paper: Scenario, conventions: Conventions, seed: int
         "scenario": case.scenario, "case": case.name, "p": case.p, "seed": seed,
         "window": np.arange(len(table)),
         "error": detectors.disagreement(solution.poses, the_world.poses),
-        "failed": windows.failures(errors),
+        "failed": failure.failures(errors),
         "contaminated": wrong_labels(the_world) > 0,
         "oracle": detectors.disagreement(solution.poses, oracle),
     }  # fmt: skip
-    return table.assign(**truth).iloc[windows.FIRST_ELIGIBLE :]
+    return table.assign(**truth).iloc[trigger.FIRST_ELIGIBLE :]
 
 
 def run(
@@ -181,6 +182,6 @@ def _null_rates(case: Case, paper: Scenario, preset: str, seed: int, alpha: floa
     for name, found in (("iSAM2", solution), ("settled", levenberg_marquardt.converge(solution))):
         covariance = selected_inverse.covariance(found, the_world, conventions)
         test = leverage.chi_square(the_world, found.poses, found.landmarks, covariance)
-        fired = test.surprise[windows.FIRST_ELIGIBLE :] > -np.log10(alpha)
+        fired = test.surprise[trigger.FIRST_ELIGIBLE :] > -np.log10(alpha)
         rows.append((case.scenario, preset, seed, name, float(fired.mean())))
     return rows

@@ -6,9 +6,10 @@ The chi-square of the ranges is in `leverage`.
 
 import numpy as np
 
-from sngr_utils import mirror, windows
+from sngr_utils import mirror
 from sngr_utils.slam.selected_inverse import ChainCovariance
-from sngr_utils.windows import WIDTH, n_windows
+from sngr_utils.sngr import failure, trigger
+from sngr_utils.sngr.windows import WIDTH, n_windows
 from sngr_utils.world.simulation import World
 
 # score -> what it asks
@@ -26,7 +27,7 @@ SCORES = {
 
 def condition_number(covariances: np.ndarray) -> np.ndarray:
     """(N,) log10 condition numbers of (N, 9, 9) window covariances (paper eq. "score")."""
-    low, high = windows.log_extremes(covariances).T
+    low, high = trigger.log_extremes(covariances).T
     return high - low
 
 
@@ -40,13 +41,13 @@ def largest_eigenvalue(covariances: np.ndarray) -> np.ndarray:
     covariances : (N, 9, 9), [m, m, rad] per pose
     """
     places = np.setdiff1d(np.arange(3 * WIDTH), np.arange(2, 3 * WIDTH, 3))
-    return windows.log_extremes(covariances[:, places[:, None], places])[:, 1]
+    return trigger.log_extremes(covariances[:, places[:, None], places])[:, 1]
 
 
 def disagreement(poses: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """(N,) mean distance over a window's poses between two estimates (T, 3), [m].
 
-    The same mean that makes a failure of it (`windows.failures`) if the reference is the truth.
+    The same mean that makes a failure of it (`failure.failures`) if the reference is the truth.
     """
     return _window_means(np.linalg.norm((poses - reference)[:, :2], axis=1))
 
@@ -78,7 +79,7 @@ def disagreement_sigmas(
     n = n_windows(len(poses))
     gradient = np.hstack([body[i : i + n] for i in range(WIDTH)]) / WIDTH
     variance = np.einsum("ni,nij,nj->n", gradient, covariance.windows, gradient)
-    return (_window_means(distance) - windows.FAILURE_ERROR) / np.sqrt(variance)
+    return (_window_means(distance) - failure.FAILURE_ERROR) / np.sqrt(variance)
 
 
 def mirror_weight(world: World, poses: np.ndarray, landmarks: np.ndarray) -> np.ndarray:

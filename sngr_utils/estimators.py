@@ -12,7 +12,6 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from sngr_utils import refine, windows
 from sngr_utils.metrics import rmse_and_nees, summaries
 from sngr_utils.robust import em, fastslam, losses, max_mixtures, switchable_constraints
 from sngr_utils.sampling import engines
@@ -20,6 +19,7 @@ from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.slam import isam2, landmark_starts, marginals, selected_inverse
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.solution import poses_of
+from sngr_utils.sngr import gate, refine, trigger
 from sngr_utils.world import dead_reckoning, simulation
 from sngr_utils.world.scenario import Scenario
 
@@ -143,10 +143,10 @@ def _sngr(
     """
     solution = isam2.run_isam2(the_world, conventions)
     covariance = selected_inverse.window_covariances(solution, the_world, conventions)
-    fired = windows.triggers(np.array([windows.score(block) for block in covariance]), TAU)
+    fired = trigger.triggers(np.array([trigger.score(block) for block in covariance]), TAU)
     settings = SamplerSettings(min_walks=engines.ENOUGH_WALKS)
     refined = refine.refine_windows(
-        solution, np.flatnonzero(fired), covariance, settings, refine.Gate(), "fast", rng=rng
+        solution, np.flatnonzero(fired), covariance, settings, gate.Gate(), "fast", rng=rng
     )
     poses = poses_of(refine.apply_updates(solution.estimate, refined), the_world.n_poses)
     covariances = marginals.position_covariances(solution, "world")

@@ -8,8 +8,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import refine, report, windows
-from sngr_utils.baseline import Baseline, run_baseline
+from sngr_utils import report
 from sngr_utils.metrics import rmse_and_nees, standard_error
 from sngr_utils.sampling.settings import EngineChoice, SamplerSettings
 from sngr_utils.sampling.targets.likelihood import LocalLikelihood
@@ -17,11 +16,13 @@ from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.slam import marginals
 from sngr_utils.slam.conventions import PRESETS, preset_conventions
 from sngr_utils.slam.solution import pose_vector, poses_of
+from sngr_utils.sngr import closure, gate, noop_baseline, refine, trigger, windows
+from sngr_utils.sngr.baseline import Baseline, run_baseline
 from sngr_utils.world import dead_reckoning
 from sngr_utils.world.scenario import Scenario
 
 
-class Config(Scenario, EngineChoice, SamplerSettings, refine.Gate, refine.TriggerOnly):
+class Config(Scenario, EngineChoice, SamplerSettings, gate.Gate, noop_baseline.TriggerOnly):
     """Parameters of the full pipeline; the defaults are the paper's values where it states them.
 
     p_levels : wrong-association probabilities; must hold p_diagnosed and p_noop
@@ -129,7 +130,7 @@ def _refine(config: Config, base: Baseline, which: Iterable[int]) -> list[refine
         which,
         base.covariances,
         config.part(SamplerSettings),
-        config.part(refine.Gate),
+        config.part(gate.Gate),
         config.engine,
         rng=np.random.default_rng([config.seed, 1]),
     )
@@ -153,9 +154,9 @@ def noop_mean_log_weights(config: Config, level: Refinement) -> np.ndarray:
     """(n,) mean log importance weight of the no-op sampler on each triggered window, [nats]."""
     base = level.baseline
     streams = np.random.default_rng([config.seed, 2]).spawn(len(base.covariances))
-    settings = config.part(refine.TriggerOnly)
+    settings = config.part(noop_baseline.TriggerOnly)
     return np.array([
-        refine.noop_log_weights(base.covariances[t], settings, rng=streams[t]).mean()
+        noop_baseline.noop_log_weights(base.covariances[t], settings, rng=streams[t]).mean()
         for t in np.flatnonzero(base.fired(config.tau))
     ])
 
@@ -164,7 +165,7 @@ def noop_expected(config: Config, level: Refinement) -> np.ndarray:
     """(n,) closed form of the same, for the same windows, [nats]."""
     base = level.baseline
     return np.array([
-        refine.noop_expected_log_weight(base.covariances[t], config.noop_sigma)
+        noop_baseline.noop_expected_log_weight(base.covariances[t], config.noop_sigma)
         for t in np.flatnonzero(base.fired(config.tau))
     ])
 
@@ -172,7 +173,7 @@ def noop_expected(config: Config, level: Refinement) -> np.ndarray:
 def example_window(config: Config, level: Refinement) -> refine.RefinedWindow:
     """The window of highest score, refined whether it triggered or not: one to look at."""
     scores = level.baseline.scores
-    best = windows.FIRST_ELIGIBLE + int(np.argmax(scores[windows.FIRST_ELIGIBLE :]))
+    best = trigger.FIRST_ELIGIBLE + int(np.argmax(scores[trigger.FIRST_ELIGIBLE :]))
     return _refine(config, level.baseline, [best])[0]
 
 
@@ -221,7 +222,7 @@ def spread_ratios(level: Refinement, window: refine.RefinedWindow) -> tuple[floa
     """
     solution, keys = level.baseline.solution, windows.window_keys(window.t)
     marginal = level.baseline.covariances[window.t]
-    conditional = windows.conditional_covariance(solution.graph, solution.estimate, keys)
+    conditional = closure.conditional_covariance(solution.graph, solution.estimate, keys)
 
     def ratio(reference):
         variances = np.diag(window.run.covariance) / np.diag(reference)

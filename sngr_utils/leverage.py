@@ -15,7 +15,7 @@ import numpy as np
 from scipy import special, stats
 
 from sngr_utils.slam.selected_inverse import ChainCovariance
-from sngr_utils.windows import WIDTH, n_windows
+from sngr_utils.sngr.windows import WIDTH, n_windows
 from sngr_utils.world.simulation import World
 
 NO_FREEDOM = 1e-3  # of a residual's variance: below it the fit takes up the error, and hides it

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import contest, windows
+from sngr_utils import contest
 from sngr_utils.mirror import mirror_test
 from sngr_utils.sampling import ancestral_priors, weighted_samples
 from sngr_utils.sampling.modes import find_modes, ring_starts
@@ -17,6 +17,7 @@ from sngr_utils.sampling.targets.ambiguous_window import Window, window_of
 from sngr_utils.sampling.targets.landmark import Landmark, landmark_of
 from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.slam import conventions, selected_inverse
+from sngr_utils.sngr import trigger, windows
 from sngr_utils.world import dead_reckoning, simulation, variations
 from sngr_utils.world.scenario import ManyWorlds, Scenario
 
@@ -171,7 +172,7 @@ def _landmark_rows(config: Config, seed: int, n: int) -> list[dict]:
             "kl_moments": reference.divergence(moments)[0],
             "second": masses[-2] if len(masses) > 1 else 0.0,
             "gap": test.gap, "spread": test.spread,
-            "landmark_score": windows.score(modes.covariances[0]),
+            "landmark_score": trigger.score(modes.covariances[0]),
         })  # fmt: skip
     score = _window_score(config, seed, n, np.array(places))
     return [{**row, "window_score": score} for row in rows]
@@ -183,7 +184,7 @@ def _window_score(config: Config, seed: int, n: int, landmarks: np.ndarray) -> f
         return float("nan")
     part = config.world(seed).first(n)
     s = part.scenario
-    return windows.score(
+    return trigger.score(
         selected_inverse.selected_inverse(
             dead_reckoning.dead_reckoning(part.x0_mean, part.odometry), landmarks, part.odometry,
             part.pose_of, part.label_of, x0_mean=part.x0_mean, x0_sigmas=PRESET.x0_sigmas,
@@ -326,7 +327,7 @@ def _window_row(config: Config, seed: int, n_ranges: int) -> dict:
         "second": masses[-2] if len(masses) > 1 else 0.0, "largest": masses[-1],
         "shortfall": reference.log_evidence - modes.log_masses[0],
         "shortfall_error": reference.log_evidence_error,
-        "window_score": windows.score(to_poses @ modes.covariances[0] @ to_poses.T),
+        "window_score": trigger.score(to_poses @ modes.covariances[0] @ to_poses.T),
         "other_share": 1 - shares[0],
     }  # fmt: skip
 

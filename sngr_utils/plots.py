@@ -10,9 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
-from sngr_utils import style, windows
-from sngr_utils.baseline import Baseline
+from sngr_utils import style
 from sngr_utils.sampling.weighted_samples import NestedRun
+from sngr_utils.sngr import windows
+from sngr_utils.sngr.baseline import Baseline
 
 PRESET_COLOURS = {"A": style.LANDMARK, "B": style.ESTIMATE, "C": style.SAMPLES}
 WRONG_LABEL = "share p of wrong associations"

@@ -6,13 +6,13 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from sngr_utils import corrected, refine
-from sngr_utils.baseline import Baseline, run_baseline
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.sampling import engines
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.slam import marginals, solution
 from sngr_utils.slam.conventions import Conventions
+from sngr_utils.sngr import corrected, gate, noop_baseline, refine
+from sngr_utils.sngr.baseline import Baseline, run_baseline
 from sngr_utils.world.scenario import Scenario
 
 VARIANTS = ("paper", "conditional", "marginal")
@@ -93,14 +93,14 @@ def _paper(
 ) -> dict[str, float]:
     settings = SamplerSettings(min_walks=engines.ENOUGH_WALKS)
     refined = refine.refine_windows(
-        base.solution, which, base.covariances, settings, refine.Gate(), "nested", rng=rng
+        base.solution, which, base.covariances, settings, gate.Gate(), "nested", rng=rng
     )
     updated = refine.apply_updates(base.solution.estimate, refined)
     truth = base.world.poses[:, :2]
     positions = solution.poses_of(updated, len(truth))[:, :2]
     covariances = marginals.position_covariances(base.solution, frame)
-    noop = refine.TriggerOnly().noop_sigma
-    weights = [refine.noop_expected_log_weight(base.covariances[t], noop) for t in which]
+    noop = noop_baseline.TriggerOnly().noop_sigma
+    weights = [noop_baseline.noop_expected_log_weight(base.covariances[t], noop) for t in which]
     return {
         **_window_row(base, refined),
         "isam2_pose_rmse": base.pose_rmse,
@@ -119,7 +119,7 @@ def _corrected(
 ) -> dict[str, float]:
     settings = corrected.CorrectedSettings(separators=variant)
     sampler = SamplerSettings()
-    run = corrected.run(base, which, settings, sampler, corrected.NoiseGate(), frame=frame, rng=rng)
+    run = corrected.run(base, which, settings, sampler, gate.NoiseGate(), frame=frame, rng=rng)
     return {
         **_window_row(base, run.windows),
         "isam2_pose_rmse": base.pose_rmse,

@@ -6,13 +6,13 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from sngr_utils import corrected, posterior, refine, windows
-from sngr_utils.baseline import Baseline
 from sngr_utils.metrics import bimodality, effective_sample_size
 from sngr_utils.sampling import engines, laplace
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.targets import compiled
 from sngr_utils.slam.solution import Solution
+from sngr_utils.sngr import closure, corrected, noop_baseline, window_posterior, windows
+from sngr_utils.sngr.baseline import Baseline
 from sngr_utils.window_audit import window_factors
 
 
@@ -54,7 +54,7 @@ def ess_shares(
     for t in which:
         own = window_factors(base.solution, t, settings.likelihood_factor)
         keys = windows.window_keys(t)
-        conditional = windows.conditional_covariance(
+        conditional = closure.conditional_covariance(
             base.solution.graph, base.solution.estimate, keys
         )
         twin = gaussian_factors(settings.likelihood_factor * np.linalg.inv(conditional))
@@ -93,10 +93,10 @@ def evidence_check(
     one row per window and repeat: difference (nested less importance, [nats]), error (of both
     together), in_errors (their ratio), sd_ratio (nested over importance, geometric mean)
     """
-    pieces, rows = posterior.expand(solution), []
+    pieces, rows = window_posterior.expand(solution), []
     settings = SamplerSettings(n_live=n_live, min_walks=walks)
     for t in which:
-        aim = posterior.target(solution, t, covariances[t], separators, pieces)
+        aim = window_posterior.target(solution, t, covariances[t], separators, pieces)
         cholesky = np.linalg.cholesky(scale * aim.covariance)
         reference = laplace.sample(aim.corrected(scale), cholesky, draws, rng=rng)
         if reference is None:
@@ -116,7 +116,7 @@ def evidence_check(
 
 
 def noop_readings(
-    base: Baseline, tau: float, settings: refine.TriggerOnly, *, rng: np.random.Generator
+    base: Baseline, tau: float, settings: noop_baseline.TriggerOnly, *, rng: np.random.Generator
 ) -> pd.DataFrame:
     """Flaw 12: what the mean log weight of the no-op sampler may have meant, [nats].
 
@@ -136,8 +136,8 @@ def noop_readings(
         blocks = [joint[i : i + 3, i : i + 3] for i in (0, 3, 6)]
         planes = [joint[i : i + 2, i : i + 2] for i in (0, 3, 6)]
         plane = np.ix_(*2 * [[0, 1, 3, 4, 6, 7]])
-        weights = refine.noop_log_weights(joint, settings, rng=streams[t])
-        expected = refine.noop_expected_log_weight
+        weights = noop_baseline.noop_log_weights(joint, settings, rng=streams[t])
+        expected = noop_baseline.noop_expected_log_weight
         target = -0.5 * s**2 * np.trace(np.linalg.inv(joint))
         flat = -0.5 * s**2 * np.trace(np.linalg.inv(joint[plane]))
         rows.append({

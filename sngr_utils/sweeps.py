@@ -11,11 +11,11 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from sngr_utils import windows
-from sngr_utils.baseline import Baseline, run_baseline
 from sngr_utils.metrics import precision_recall, rmse_and_nees
 from sngr_utils.slam import isam2, marginals
 from sngr_utils.slam.conventions import Conventions
+from sngr_utils.sngr import trigger
+from sngr_utils.sngr.baseline import Baseline, run_baseline
 from sngr_utils.world import dead_reckoning, simulation, variations
 from sngr_utils.world.scenario import Scenario
 
@@ -30,7 +30,7 @@ class Sweep:
         reckoning from the true first pose) [m], nees, failed (number of failed windows),
         base_rate (share of failed windows among those that may fire)
     detections : one row per preset, p, seed and tau: triggered, tp, fp, fn, tn, precision,
-        recall, over all windows, as the paper counts, also the first `windows.FIRST_ELIGIBLE`,
+        recall, over all windows, as the paper counts, also the first `trigger.FIRST_ELIGIBLE`,
         which never fire; and mcc, over those that may
     scores : one row per preset, p, seed and window: score, score_cm (with positions in
         centimetres), log_lambda_min, log_lambda_max, failed, eligible (may it fire?)
@@ -118,15 +118,15 @@ def _detection_row(run: Baseline, tau: float) -> dict[str, float]:
         "tp": found.true_positives, "fp": found.false_positives,
         "fn": found.false_negatives, "tn": found.true_negatives,
     }  # fmt: skip
-    eligible = slice(windows.FIRST_ELIGIBLE, None)
+    eligible = slice(trigger.FIRST_ELIGIBLE, None)
     may_fire = precision_recall.detection(run.fired(tau)[eligible], run.failed[eligible])
     rates = {"precision": found.precision, "recall": found.recall, "mcc": may_fire.matthews}
     return {"tau": tau, "triggered": found.triggered, **counts, **rates}
 
 
 def _window_rows(run: Baseline) -> pd.DataFrame:
-    smallest, largest = windows.log_extremes(run.covariances).T
-    low_cm, high_cm = windows.log_extremes(windows.in_units(run.covariances, 100)).T
+    smallest, largest = trigger.log_extremes(run.covariances).T
+    low_cm, high_cm = trigger.log_extremes(trigger.in_units(run.covariances, 100)).T
     place = np.arange(len(run.scores))
     return pd.DataFrame({
         "window": place,
@@ -135,7 +135,7 @@ def _window_rows(run: Baseline) -> pd.DataFrame:
         "log_lambda_min": smallest,
         "log_lambda_max": largest,
         "failed": run.failed,
-        "eligible": place >= windows.FIRST_ELIGIBLE,
+        "eligible": place >= trigger.FIRST_ELIGIBLE,
     })
 
 

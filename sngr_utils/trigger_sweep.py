@@ -7,11 +7,12 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import report, windows
-from sngr_utils.baseline import Baseline, run_baseline
+from sngr_utils import report
 from sngr_utils.metrics import standard_error
 from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.slam.conventions import PRESETS, preset_conventions
+from sngr_utils.sngr import trigger
+from sngr_utils.sngr.baseline import Baseline, run_baseline
 from sngr_utils.world.scenario import Scenario
 
 
@@ -236,4 +237,4 @@ def pooled_scores(sweep: Sweep, p: float) -> np.ndarray:
 
 def score_in_units(covariance: np.ndarray, per_metre: float) -> float:
     """Score of a (9, 9) covariance with positions in another unit, `per_metre` to the metre."""
-    return windows.score(windows.in_units(covariance, per_metre))
+    return trigger.score(trigger.in_units(covariance, per_metre))

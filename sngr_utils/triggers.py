@@ -8,17 +8,18 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import calibration, detection_study, detection_summary, detectors, report, windows
+from sngr_utils import calibration, detection_study, detection_summary, detectors, report
 from sngr_utils.detection_study import Case
 from sngr_utils.metrics import cluster_bootstrap
 from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.slam.conventions import PRESETS
+from sngr_utils.sngr import failure, trigger
 from sngr_utils.world.scenario import ManyWorlds
 
 READING = "C"  # preset: GTSAM's own iSAM2 settings
 NULL_SCENARIOS = ("radius 3 m", "100 poses")  # where the estimate that is tested matters
 EVERY_P = "all p"
-AT_LIMIT = {"disagreement": windows.FAILURE_ERROR}  # its threshold is what failure means
+AT_LIMIT = {"disagreement": failure.FAILURE_ERROR}  # its threshold is what failure means
 
 Share = Annotated[float, Field(gt=0, lt=1)]
 
@@ -124,7 +125,7 @@ def run_shown(config: Config) -> pd.DataFrame:
     case = Case("paper", config.p_shown, config.burst_poses)
     the_world = case.draw(config.scenario, config.seed_shown)
     rows = config.worlds([case], range(config.seed_shown, config.seed_shown + 1))
-    wrong = detection_study.wrong_labels(the_world)[windows.FIRST_ELIGIBLE :]
+    wrong = detection_study.wrong_labels(the_world)[trigger.FIRST_ELIGIBLE :]
     return rows.assign(wrong=wrong)
 
 
@@ -156,7 +157,7 @@ def levels(study: Study, *, rng: np.random.Generator) -> pd.DataFrame:
     windows that did not fail.
     """
     clean = study.clean.assign(at_limit=study.clean["disagreement"])
-    rules = {**study.thresholds, "at_limit": windows.FAILURE_ERROR}
+    rules = {**study.thresholds, "at_limit": failure.FAILURE_ERROR}
     return detection_summary.decisions(clean, rules, "failed", rng=rng)
 
 

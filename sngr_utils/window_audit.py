@@ -9,14 +9,14 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from sngr_utils import posterior, refine, windows
-from sngr_utils.baseline import Baseline
 from sngr_utils.sampling import engines, importance, laplace
 from sngr_utils.sampling.importance import find_modes
 from sngr_utils.sampling.settings import FastSettings, SamplerSettings
 from sngr_utils.sampling.targets import compiled
 from sngr_utils.slam import levenberg_marquardt
 from sngr_utils.slam.solution import Solution
+from sngr_utils.sngr import closure, refine, window_posterior, windows
+from sngr_utils.sngr.baseline import Baseline
 
 # name -> factor on GTSAM's error(), is the prior divided out?
 READINGS = {
@@ -55,7 +55,7 @@ def widths(
     solution, rows = base.solution, []
     for t in which:
         marginal, keys = base.covariances[t], windows.window_keys(t)
-        conditional = windows.conditional_covariance(solution.graph, solution.estimate, keys)
+        conditional = closure.conditional_covariance(solution.graph, solution.estimate, keys)
         prior = np.linalg.inv(settings.prior_scale * marginal)
         for name, (factor, divided) in READINGS.items():
             factors = window_factors(solution, t, factor)
@@ -86,7 +86,7 @@ def marginal_over_conditional(base: Baseline) -> pd.DataFrame:
     solution, rows = base.solution, []
     for t, marginal in enumerate(base.covariances):
         keys = windows.window_keys(t)
-        conditional = windows.conditional_covariance(solution.graph, solution.estimate, keys)
+        conditional = closure.conditional_covariance(solution.graph, solution.estimate, keys)
         lower = np.linalg.inv(np.linalg.cholesky(conditional))
         extremes = np.linalg.eigvalsh(lower @ marginal @ lower.T)
         rows.append({
@@ -104,7 +104,7 @@ def attainable_gain(solution: Solution, t: int, factor: float = 1.0) -> float:
     """
     factors = window_factors(solution, t, factor)
     keys = windows.window_keys(t)
-    covariance = windows.conditional_covariance(solution.graph, solution.estimate, keys)
+    covariance = closure.conditional_covariance(solution.graph, solution.estimate, keys)
     cholesky = np.linalg.cholesky(covariance)
     flat = factors._replace(quadratic=-np.linalg.inv(covariance))  # takes the search's prior back
     rotated = cholesky.T @ flat.quadratic @ cholesky
@@ -163,9 +163,9 @@ def gaussianity(
     error), modes (found by many starts); difference and error NaN where there is no Laplace
     Gaussian or its weights may not be trusted
     """
-    pieces, rows = posterior.expand(solution), []
+    pieces, rows = window_posterior.expand(solution), []
     for t in which:
-        aim = posterior.target(solution, t, covariances[t], separators, pieces)
+        aim = window_posterior.target(solution, t, covariances[t], separators, pieces)
         factors, cholesky = aim.corrected(scale), np.linalg.cholesky(scale * aim.covariance)
         found = laplace.laplace_approximation(factors, cholesky, np.zeros(len(cholesky)))
         run = laplace.sample(factors, cholesky, draws, rng=rng)

@@ -3,8 +3,9 @@
 import joblib
 import pytest
 
-from sngr_utils import baseline, trigger_sweep
+from sngr_utils import trigger_sweep
 from sngr_utils.slam import conventions
+from sngr_utils.sngr import baseline
 from sngr_utils.world import scenario
 
 

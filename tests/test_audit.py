@@ -3,8 +3,9 @@ import pandas as pd
 import pytest
 from ruamel.yaml import YAML
 
-from sngr_utils import audit, audit_tables, claims, parameters, paths, refine, report, sampler_audit
+from sngr_utils import audit, audit_tables, claims, parameters, paths, report, sampler_audit
 from sngr_utils.slam import conventions
+from sngr_utils.sngr import noop_baseline
 
 
 @pytest.fixture(scope="module")
@@ -98,10 +99,10 @@ def test_interval_and_its_absence():
 
 def test_readings_of_the_noop_weight_hold_the_closed_form(noisy):
     table = sampler_audit.noop_readings(
-        noisy, 3.9, refine.TriggerOnly(), rng=np.random.default_rng(0)
+        noisy, 3.9, noop_baseline.TriggerOnly(), rng=np.random.default_rng(0)
     )
     t = int(table["window"].iloc[0])
-    expected = refine.noop_expected_log_weight(noisy.covariances[t], 0.5)
+    expected = noop_baseline.noop_expected_log_weight(noisy.covariances[t], 0.5)
     assert table["normalised, 9 x 9"].iloc[0] == pytest.approx(expected)
 
 

@@ -2,9 +2,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from sngr_utils import bench, cost, plots, refine, report, windows
+from sngr_utils import bench, cost, plots, report
 from sngr_utils.sampling import settings
 from sngr_utils.slam import conventions
+from sngr_utils.sngr import refine, trigger
 from sngr_utils.world.scenario import Scenario
 from sngr_utils.world.simulation import simulate
 
@@ -120,7 +121,7 @@ def test_reference_is_that_of_the_likelihood(noisy):
 
 def test_windows_are_spread_over_those_that_may_trigger():
     assert bench.spread_evenly(4, 28) == [2, 10, 19, 27]
-    assert min(bench.spread_evenly(1, 28)) >= windows.FIRST_ELIGIBLE
+    assert min(bench.spread_evenly(1, 28)) >= trigger.FIRST_ELIGIBLE
 
 
 def test_bad_bench_names_the_parameter():

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L, X
 
-from sngr_utils import windows
 from sngr_utils.slam import isam2, selected_inverse
 from sngr_utils.slam.conventions import PRESETS
 from sngr_utils.slam.factors import landmark_prior, odometry_factor, pose_prior, range_factor
 from sngr_utils.slam.marginals import gtsam_marginals, joint_covariance
 from sngr_utils.slam.solution import Solution
+from sngr_utils.sngr import windows
 from sngr_utils.world import dead_reckoning, simulation
 from sngr_utils.world.scenario import Scenario
 

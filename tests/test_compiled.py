@@ -4,11 +4,11 @@ import pytest
 from gtsam.symbol_shorthand import L, X
 from scipy.special import ndtri
 
-from sngr_utils import windows
 from sngr_utils.numerics.normal import normal_quantile
 from sngr_utils.sampling import importance, settings
 from sngr_utils.sampling.targets import compiled
 from sngr_utils.sampling.targets.likelihood import LocalLikelihood
+from sngr_utils.sngr import closure
 
 
 def random_graph(rng):
@@ -42,7 +42,7 @@ def test_errors_are_those_of_gtsam(seed):
     rng = np.random.default_rng(seed)
     graph, values = random_graph(rng)
     keys = [X(1), X(2), L(1)]
-    touching = windows.touching_factors(graph, keys)
+    touching = closure.touching_factors(graph, keys)
     likelihood = LocalLikelihood(touching, values, keys, 0.7)
     factors = compiled.flatten(touching, values, keys, 0.7)
     assert factors.dimension == likelihood.dimension == 8

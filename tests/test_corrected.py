@@ -8,22 +8,23 @@ import pytest
 from gtsam.symbol_shorthand import X
 from scipy import stats
 
-from sngr_utils import (
-    baseline,
-    corrected,
-    posterior,
-    refine,
-    refined_sweep,
-    sampler_audit,
-    window_audit,
-    windows,
-)
+from sngr_utils import refined_sweep, sampler_audit, window_audit
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.sampling import compiled_nested, importance, laplace, settings
 from sngr_utils.sampling.targets import compiled, place
 from sngr_utils.slam import conventions, levenberg_marquardt
 from sngr_utils.slam.factors import range_factor
 from sngr_utils.slam.solution import Solution, poses_of
+from sngr_utils.sngr import (
+    baseline,
+    closure,
+    corrected,
+    noop_baseline,
+    refine,
+    window_posterior,
+    windows,
+)
+from sngr_utils.sngr.gate import NoiseGate
 from sngr_utils.world import scenario
 
 # Noise a hundredth of the paper's: every window is Gaussian to about a thousandth.
@@ -48,18 +49,18 @@ def test_batch_settles_the_estimate_and_leaves_the_input_alone(noisy):
     assert noisy.solution.isam.calculateEstimate().equals(linearised, 0)
     assert batch.graph.error(batch.estimate) <= before
     assert np.isfinite(more.poses).all()
-    pieces = posterior.expand(batch, full=False)
+    pieces = window_posterior.expand(batch, full=False)
     keys = list(batch.estimate.keys())
-    matrix, slope = posterior.eliminated(pieces, keys)
+    matrix, slope = window_posterior.eliminated(pieces, keys)
     assert 0.5 * slope @ np.linalg.solve(matrix, slope) < 1e-4  # nats left to gain
     with pytest.raises(ValueError, match="how is"):
         levenberg_marquardt.converge(noisy.solution, "soon")
 
 
 def test_elimination_gives_gtsams_marginals(noisy):
-    pieces = posterior.expand(noisy.solution, full=False)
+    pieces = window_posterior.expand(noisy.solution, full=False)
     for t in (0, 5, 27):
-        precision, _ = posterior.eliminated(pieces, windows.window_keys(t))
+        precision, _ = window_posterior.eliminated(pieces, windows.window_keys(t))
         assert np.allclose(np.linalg.inv(precision), noisy.covariances[t], rtol=1e-6, atol=1e-10)
 
 
@@ -70,7 +71,7 @@ def test_second_order_is_exact_on_priors_and_close_on_ranges():
     values.insert(gtsam.symbol("l", 0), np.array([3.0, 4.0]))
     factors.push_back(range_factor(0, 0, 2.0, 0.1))
     solution = Solution(gtsam.ISAM2(), factors, values, 1, 1)
-    (piece,) = posterior.expand(solution)
+    (piece,) = window_posterior.expand(solution)
     ray = np.array([0.6, 0.8])
     own = 100 * (np.outer(ray, ray) + 3 / 5 * (np.eye(2) - np.outer(ray, ray)))
     assert np.allclose(piece.quadratic[3:, 3:], own, rtol=1e-7)
@@ -79,8 +80,8 @@ def test_second_order_is_exact_on_priors_and_close_on_ranges():
 
 def test_ends_have_fewer_neighbours(noisy):
     solution = levenberg_marquardt.converge(noisy.solution)
-    pieces = posterior.expand(solution)
-    sizes = [posterior.marginal_target(solution, t, pieces).factors for t in (0, 5, 27)]
+    pieces = window_posterior.expand(solution)
+    sizes = [window_posterior.marginal_target(solution, t, pieces).factors for t in (0, 5, 27)]
     assert [int(f.counts[0]) for f in sizes] == [4, 5, 4]
     assert sizes[1].dimension == len(sizes[1].quadratic) <= 27
 
@@ -91,12 +92,12 @@ def test_the_corrected_posterior_of_a_quiet_world_is_the_linear_one(quiet, separ
     a five sigma test of each. Failure probability below 1e-4."""
     base, solution = quiet
     t, keys = 3, windows.window_keys(3)
-    aim = posterior.target(solution, t, base.covariances[t], separators)
+    aim = window_posterior.target(solution, t, base.covariances[t], separators)
     run = corrected.sample_target(
         aim, 4.0, settings.SamplerSettings(), rng=np.random.default_rng(0)
     )  # fmt: skip
     if separators == "conditional":
-        exact = windows.conditional_covariance(solution.graph, solution.estimate, keys)
+        exact = closure.conditional_covariance(solution.graph, solution.estimate, keys)
     else:
         exact = windows.covariances(solution)[t]
     lower = np.linalg.inv(np.linalg.cholesky(exact))
@@ -112,7 +113,7 @@ def test_the_corrected_posterior_of_a_quiet_world_is_the_linear_one(quiet, separ
 
 def test_the_quadratic_divides_the_prior_out(noisy):
     """Prior times corrected likelihood is the target times a constant, at any point."""
-    aim = posterior.conditional_target(noisy.solution, 12, noisy.covariances[12])
+    aim = window_posterior.conditional_target(noisy.solution, 12, noisy.covariances[12])
     points = np.random.default_rng(0).multivariate_normal(np.zeros(9), aim.covariance, 50)
     prior = -0.5 * np.sum(points * np.linalg.solve(3.0 * aim.covariance, points.T).T, axis=1)
     together = prior + compiled.log_likelihoods(aim.corrected(3.0), points)
@@ -122,19 +123,19 @@ def test_the_quadratic_divides_the_prior_out(noisy):
 def test_false_refusals_are_as_many_as_the_gate_says():
     """20 000 Gaussian means at 5 standard errors. Failure probability 6e-7 each."""
     rng = np.random.default_rng(0)
-    gate = corrected.NoiseGate(gate_tolerance=0.0, gate_sigmas=1.0)
+    gate = NoiseGate(gate_tolerance=0.0, gate_sigmas=1.0)
     for d, n in ((9, 40.0), (27, 200.0)):
         losses = 0.5 * rng.chisquare(d, 20_000) / n
         refused = np.mean(losses > gate.slack(d, n))
         expected = gate.false_refusal(d, n)
         assert abs(refused - expected) < 5 * np.sqrt(expected * (1 - expected) / 20_000)
-    assert corrected.NoiseGate().false_refusal(9, 500) < 0.01
+    assert NoiseGate().false_refusal(9, 500) < 0.01
 
 
 @pytest.mark.parametrize(("d", "n", "sigmas"), [(9, 500.0, 3.0), (27, 80.0, 0.0), (2, 1.0, 1.5)])
 def test_the_gate_forgives_the_mean_loss_and_some_of_its_deviations(d, n, sigmas):
     """The loss of a mean of n samples is chi-square with d degrees of freedom over 2 n."""
-    gate = corrected.NoiseGate(gate_tolerance=0.01, gate_sigmas=sigmas)
+    gate = NoiseGate(gate_tolerance=0.01, gate_sigmas=sigmas)
     law = stats.chi2(d, scale=1 / (2 * n))
     assert gate.slack(d, n) == pytest.approx(0.01 + law.mean() + sigmas * law.std())
     assert gate.false_refusal(d, n) == pytest.approx(law.sf(gate.slack(d, n)))
@@ -142,8 +143,8 @@ def test_the_gate_forgives_the_mean_loss_and_some_of_its_deviations(d, n, sigmas
 
 def test_the_gate_forgives_three_deviations_of_the_papers_tolerance():
     """And refuses the exact mode as seldom as its docstring says."""
-    assert corrected.NoiseGate().model_dump() == {"gate_tolerance": 1e-3, "gate_sigmas": 3.0}
-    bare = corrected.NoiseGate(gate_tolerance=0.0)
+    assert NoiseGate().model_dump() == {"gate_tolerance": 1e-3, "gate_sigmas": 3.0}
+    bare = NoiseGate(gate_tolerance=0.0)
     assert bare.false_refusal(9, 500) == pytest.approx(0.0098, abs=5e-5)
     assert bare.false_refusal(27, 500) == pytest.approx(0.0059, abs=5e-5)
 
@@ -256,7 +257,7 @@ def test_nothing_is_left_to_gain_after_batch(noisy):
 def test_corrected_run_moves_only_accepted_windows(noisy):
     run = corrected.run(
         noisy, [12, 13], corrected.CorrectedSettings(separators="conditional"),
-        settings.SamplerSettings(), corrected.NoiseGate(), rng=np.random.default_rng(0),
+        settings.SamplerSettings(), NoiseGate(), rng=np.random.default_rng(0),
     )  # fmt: skip
     assert [window.t for window in run.windows] == [12, 13]
     truth = noisy.world.poses[:, :2]
@@ -276,7 +277,7 @@ def test_widths_follow_the_gaussian_prediction(quiet):
 
 def test_readings_of_the_no_op_weights_and_of_the_coefficient(noisy):
     table = sampler_audit.noop_readings(
-        noisy, 3.0, refine.TriggerOnly(), rng=np.random.default_rng(0)
+        noisy, 3.0, noop_baseline.TriggerOnly(), rng=np.random.default_rng(0)
     )
     assert len(table) == noisy.fired(3.0).sum() > 0
     assert (table["ratio, 9 x 9"] > table["target, 9 x 9"]).all()

@@ -2,9 +2,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sngr_utils import detection_study, detection_summary, detectors, windows
+from sngr_utils import detection_study, detection_summary, detectors
 from sngr_utils.metrics import precision_recall
 from sngr_utils.slam import conventions
+from sngr_utils.sngr import failure, trigger
 from sngr_utils.world import scenario
 
 PAPER, C = scenario.Scenario(n_poses=12), conventions.PRESETS["C"]
@@ -26,13 +27,13 @@ def test_truth_is_what_the_world_says(rows):
     for case in CASES:
         the_world = case.draw(PAPER, 101)
         here = rows.query("case == @case.name and seed == 101")
-        assert list(here["window"]) == list(range(windows.FIRST_ELIGIBLE, 10))
+        assert list(here["window"]) == list(range(trigger.FIRST_ELIGIBLE, 10))
         for t, wrong, failed, error in here[
             ["window", "contaminated", "failed", "error"]
         ].itertuples(index=False):
             mine = (the_world.pose_of >= t) & (the_world.pose_of < t + 3)
             assert wrong == (the_world.label_of[mine] != the_world.source_of[mine]).any()
-            assert failed == (error > windows.FAILURE_ERROR)
+            assert failed == (error > failure.FAILURE_ERROR)
 
 
 def test_a_burst_leaves_the_rest_of_the_world_alone():
@@ -92,7 +93,7 @@ def test_the_robust_chi_square_keeps_its_level_where_isam2_does_not():
     )
     fired = found.assign(
         plain=found["chi_square"] > 1.301, robust=found["chi_square_robust"] > 1.301,
-        apart=found["disagreement"] > windows.FAILURE_ERROR,
+        apart=found["disagreement"] > failure.FAILURE_ERROR,
     )  # fmt: skip
     rates = fired.groupby("seed")[["plain", "robust", "failed", "apart"]].mean()
     assert rates["robust"].mean() < 0.2

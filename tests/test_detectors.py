@@ -3,8 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sngr_utils import detection_study, detectors, windows
+from sngr_utils import detection_study, detectors
 from sngr_utils.slam import conventions, isam2, selected_inverse
+from sngr_utils.sngr import failure, trigger
 from sngr_utils.world import dead_reckoning, simulation
 from sngr_utils.world.scenario import Scenario
 
@@ -19,7 +20,7 @@ def run():
 
 def test_condition_number_is_the_papers_score(run):
     covariances = selected_inverse.window_covariances(run[1], run[0], C)
-    expected = [windows.score(covariance) for covariance in covariances]
+    expected = [trigger.score(covariance) for covariance in covariances]
     assert np.allclose(detectors.condition_number(covariances), expected, rtol=1e-12)
 
 
@@ -27,7 +28,7 @@ def test_largest_eigenvalue_sees_positions_only(run):
     """100 times the unit is four decades; the headings, blown up, change nothing."""
     covariances = selected_inverse.window_covariances(run[1], run[0], C)
     scores = detectors.largest_eigenvalue(covariances)
-    moved = detectors.largest_eigenvalue(windows.in_units(covariances, 100))
+    moved = detectors.largest_eigenvalue(trigger.in_units(covariances, 100))
     assert np.allclose(moved - scores, 4)
     scale = np.tile([1.0, 1.0, 1e4], 3)
     assert np.allclose(detectors.largest_eigenvalue(covariances * np.outer(scale, scale)), scores)
@@ -37,7 +38,7 @@ def test_disagreement_with_the_truth_is_failure(run):
     the_world, solution = run
     errors = np.linalg.norm((solution.poses - the_world.poses)[:, :2], axis=1)
     against_truth = detectors.disagreement(solution.poses, the_world.poses)
-    assert np.array_equal(against_truth > windows.FAILURE_ERROR, windows.failures(errors))
+    assert np.array_equal(against_truth > failure.FAILURE_ERROR, failure.failures(errors))
 
 
 def test_disagreement_is_a_mean_distance_in_metres_whatever_the_headings():
@@ -64,7 +65,7 @@ def test_disagreement_in_sigmas_has_its_law(run):
         x = 30 - (cos * body[..., 0] - sin * body[..., 1])
         y = -40 - (sin * body[..., 0] + cos * body[..., 1])
         spread = np.hypot(x, y).mean(axis=1).std()
-        expected = (50 - windows.FAILURE_ERROR) / spread
+        expected = (50 - failure.FAILURE_ERROR) / spread
         assert got[t] == pytest.approx(expected, rel=5 / np.sqrt(2 * 4000))
 
 

@@ -6,7 +6,7 @@ import pytest
 from gtsam.symbol_shorthand import L
 from scipy import stats
 
-from sngr_utils import bimodal, full_sngr, refine
+from sngr_utils import bimodal, full_sngr
 from sngr_utils.sampling import (
     compiled_nested,
     dynesty_nested,
@@ -19,6 +19,7 @@ from sngr_utils.sampling import settings as settings_module
 from sngr_utils.sampling.compiled_walk import CompiledWalk
 from sngr_utils.sampling.settings import FastSettings, SamplerSettings
 from sngr_utils.sampling.targets import compiled
+from sngr_utils.sngr import refine
 
 LONG = SamplerSettings(min_walks=50)
 COMPILED = ["dynesty-compiled", "nested", "fast"]

@@ -5,13 +5,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sngr_utils import estimators, refine, windows
+from sngr_utils import estimators
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.robust import fastslam, losses
 from sngr_utils.sampling import engines
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.slam import conventions, isam2
 from sngr_utils.slam.solution import poses_of
+from sngr_utils.sngr import gate, refine, trigger, windows
 from sngr_utils.world import dead_reckoning, scenario, simulation, variations
 
 C = conventions.PRESETS["C"]
@@ -92,12 +93,12 @@ def test_sngr_is_that_of_the_other_notebooks():
     rmse = rmse_and_nees.rmse(found.poses[:, :2], drawn.poses[:, :2])
     solution = isam2.run_isam2(drawn, C)
     blocks = windows.covariances(solution)
-    fired = windows.triggers(np.array([windows.score(block) for block in blocks]), estimators.TAU)
+    fired = trigger.triggers(np.array([trigger.score(block) for block in blocks]), estimators.TAU)
     settings = SamplerSettings(min_walks=engines.ENOUGH_WALKS)
     others = []
     for stream in np.random.default_rng(104).spawn(6):
         refined = refine.refine_windows(
-            solution, np.flatnonzero(fired), blocks, settings, refine.Gate(), "nested", rng=stream
+            solution, np.flatnonzero(fired), blocks, settings, gate.Gate(), "nested", rng=stream
         )
         poses = poses_of(refine.apply_updates(solution.estimate, refined), drawn.n_poses)
         others.append(rmse_and_nees.rmse(poses[:, :2], drawn.poses[:, :2]))

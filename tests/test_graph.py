@@ -6,10 +6,10 @@ import pytest
 from gtsam.symbol_shorthand import L, X
 from helpers import dense_covariance
 
-from sngr_utils import baseline, windows
 from sngr_utils.slam import conventions, isam2, landmark_starts, marginals
 from sngr_utils.slam.factors import landmark_prior, odometry_factor, pose_prior, range_factor
 from sngr_utils.slam.solution import pose_vector, poses_of
+from sngr_utils.sngr import baseline, windows
 from sngr_utils.world import simulation
 from sngr_utils.world.scenario import Scenario
 

@@ -4,10 +4,10 @@ import pytest
 from gtsam.symbol_shorthand import L, X
 from scipy import stats
 
-from sngr_utils import refine, windows
 from sngr_utils.sampling import dynesty_nested, prior_transform
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.targets.likelihood import LocalLikelihood
+from sngr_utils.sngr import closure, refine
 
 
 def test_prior_transform_closed_form():
@@ -51,7 +51,7 @@ def test_local_likelihood_is_minus_factor_times_gtsam_error(noisy):
 
 def test_local_likelihood_moves_points_too(noisy):
     solution, keys = noisy.solution, [L(2), X(4)]
-    factors = windows.touching_factors(solution.graph, keys)
+    factors = closure.touching_factors(solution.graph, keys)
     likelihood = LocalLikelihood(factors, solution.estimate, keys, 1.0)
     assert likelihood.dimension == 5
     landmark, pose = likelihood.variables(np.array([0.1, -0.2, 0.0, 0.0, 0.0]))

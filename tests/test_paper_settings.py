@@ -3,10 +3,11 @@
 import dynesty
 import numpy as np
 
-from sngr_utils import bimodal, cost, full_sngr, refine, trigger_sweep, windows
+from sngr_utils import bimodal, cost, full_sngr, trigger_sweep
 from sngr_utils.sampling import dynesty_nested, prior_transform
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.slam import landmark_starts
+from sngr_utils.sngr import failure, gate, noop_baseline, trigger, windows
 from sngr_utils.world import scenario
 
 
@@ -21,9 +22,9 @@ def test_scenario():
 
 def test_windows():
     """Three poses, failed above 0.5 m; 28 of 30 poses begin one, and t >= 2 may trigger."""
-    assert (windows.WIDTH, windows.FAILURE_ERROR, windows.FIRST_ELIGIBLE) == (3, 0.5, 2)
+    assert (windows.WIDTH, failure.FAILURE_ERROR, trigger.FIRST_ELIGIBLE) == (3, 0.5, 2)
     assert windows.n_windows(30) == 28
-    assert windows.triggers(np.full(28, np.inf), 3.96).sum() == 26
+    assert trigger.triggers(np.full(28, np.inf), 3.96).sum() == 26
 
 
 def test_sampler():
@@ -37,8 +38,8 @@ def test_sampler():
 
 def test_gate_and_trigger_only_baseline():
     """1e-3 nats; 500 samples of N(MAP, 0.5^2 I)."""
-    assert refine.Gate().gate_tolerance == 1e-3
-    assert refine.TriggerOnly().model_dump() == {"noop_samples": 500, "noop_sigma": 0.5}
+    assert gate.Gate().gate_tolerance == 1e-3
+    assert noop_baseline.TriggerOnly().model_dump() == {"noop_samples": 500, "noop_sigma": 0.5}
 
 
 def test_sweep_and_pipeline():

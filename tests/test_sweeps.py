@@ -4,9 +4,10 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from sngr_utils import baseline, sweeps, windows
+from sngr_utils import sweeps
 from sngr_utils.metrics import precision_recall, rmse_and_nees, summaries
 from sngr_utils.slam import conventions, marginals
+from sngr_utils.sngr import baseline, trigger
 from sngr_utils.world import dead_reckoning, scenario
 
 SMALL = scenario.Scenario(n_poses=8)
@@ -57,11 +58,11 @@ def test_sweep_rows_are_those_of_single_runs(serial):
     assert scores.failed.tolist() == run.failed.tolist()
     assert scores.eligible.tolist() == [False, False, True, True, True, True]
     for row in detections.itertuples():
-        found = precision_recall.detection(windows.triggers(run.scores, row.tau), run.failed)
+        found = precision_recall.detection(trigger.triggers(run.scores, row.tau), run.failed)
         counts = (found.true_positives, found.false_positives, found.false_negatives)
         assert (row.tp, row.fp, row.fn) == counts
         assert (row.triggered, row.tp + row.fp + row.fn + row.tn) == (found.triggered, 6)
-        fires = windows.triggers(run.scores, row.tau)
+        fires = trigger.triggers(run.scores, row.tau)
         may_fire = precision_recall.detection(fires[2:], run.failed[2:])
         assert np.array_equal(
             [row.precision, row.recall, row.mcc],

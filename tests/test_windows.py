@@ -4,35 +4,35 @@ import pytest
 from gtsam.symbol_shorthand import L, X
 from helpers import dense_covariance
 
-from sngr_utils import windows
+from sngr_utils.sngr import closure, failure, trigger, windows
 
 
 def test_score_closed_form():
     """Equation "score": log10 of the ratio of extreme eigenvalues, whatever the basis."""
     rotation, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(9, 9)))
     eigenvalues = np.logspace(-4, 1.5, 9)
-    assert windows.score(rotation * eigenvalues @ rotation.T) == pytest.approx(5.5)
-    assert windows.score(3 * np.eye(9)) == pytest.approx(0)
+    assert trigger.score(rotation * eigenvalues @ rotation.T) == pytest.approx(5.5)
+    assert trigger.score(3 * np.eye(9)) == pytest.approx(0)
 
 
 def test_triggers_need_score_and_position():
     scores = np.array([9.0, 9.0, 9.0, 3.9, 4.0])
-    assert windows.triggers(scores, 3.9).tolist() == [False, False, True, False, True]
+    assert trigger.triggers(scores, 3.9).tolist() == [False, False, True, False, True]
 
 
 def test_failures_are_means_of_three():
     errors = np.array([0.0, 0.0, 1.6, 0.0, 0.0, 1.4])
-    assert windows.failures(errors).tolist() == [True, True, True, False]
-    assert windows.failures(np.full(5, 0.49)).tolist() == [False] * 3
+    assert failure.failures(errors).tolist() == [True, True, True, False]
+    assert failure.failures(np.full(5, 0.49)).tolist() == [False] * 3
 
 
 def test_touching_factors_are_those_with_a_pose_of_the_window(clean):
     keys = windows.window_keys(10)
     assert keys == [X(10), X(11), X(12)]
     # 18 ranges, two odometry factors inside and two at the ends
-    assert windows.touching_factors(clean.solution.graph, keys).size() == 22
-    assert windows.touching_factors(clean.solution.graph, windows.window_keys(0)).size() == 22
-    assert windows.touching_factors(clean.solution.graph, windows.window_keys(27)).size() == 21
+    assert closure.touching_factors(clean.solution.graph, keys).size() == 22
+    assert closure.touching_factors(clean.solution.graph, windows.window_keys(0)).size() == 22
+    assert closure.touching_factors(clean.solution.graph, windows.window_keys(27)).size() == 21
 
 
 def test_conditional_covariance_is_the_inverse_of_the_information_block(noisy):
@@ -40,32 +40,32 @@ def test_conditional_covariance_is_the_inverse_of_the_information_block(noisy):
     covariance, slices = dense_covariance(solution)
     rows = np.concatenate([np.arange(len(covariance))[slices[key]] for key in keys])
     expected = np.linalg.inv(np.linalg.inv(covariance)[np.ix_(rows, rows)])
-    got = windows.conditional_covariance(solution.graph, solution.estimate, keys)
+    got = closure.conditional_covariance(solution.graph, solution.estimate, keys)
     assert np.allclose(got, expected, rtol=1e-6, atol=1e-12)
 
 
 def test_closure_is_the_connected_component(clean):
     everything = set(clean.solution.estimate.keys())
-    assert windows.closure(clean.solution.graph, windows.window_keys(5)) == everything
+    assert closure.variable_closure(clean.solution.graph, windows.window_keys(5)) == everything
     noise = gtsam.noiseModel.Isotropic.Sigma(1, 1.0)
     graph = gtsam.NonlinearFactorGraph()
     graph.push_back(gtsam.RangeFactor2D(X(0), L(0), 1.0, noise))
     graph.push_back(gtsam.RangeFactor2D(X(1), L(0), 1.0, noise))
     graph.push_back(gtsam.RangeFactor2D(X(2), L(1), 1.0, noise))
-    assert windows.closure(graph, [X(0)]) == {X(0), X(1), L(0)}
-    assert windows.closure(graph, [X(9)]) == {X(9)}
+    assert closure.variable_closure(graph, [X(0)]) == {X(0), X(1), L(0)}
+    assert closure.variable_closure(graph, [X(9)]) == {X(9)}
 
 
 def test_log_extremes_differ_by_the_score(noisy):
-    smallest, largest = windows.log_extremes(noisy.covariances).T
+    smallest, largest = trigger.log_extremes(noisy.covariances).T
     assert np.allclose(largest - smallest, noisy.scores)
 
 
 def test_score_hangs_on_the_unit_of_length(noisy):
     """lambda_min is a heading's and stays; lambda_max is nearly a position's: 100^2 times."""
-    assert np.array_equal(windows.in_units(noisy.covariances, 1.0), noisy.covariances)
-    metres = windows.log_extremes(noisy.covariances)
-    centimetres = windows.log_extremes(windows.in_units(noisy.covariances, 100.0))
+    assert np.array_equal(trigger.in_units(noisy.covariances, 1.0), noisy.covariances)
+    metres = trigger.log_extremes(noisy.covariances)
+    centimetres = trigger.log_extremes(trigger.in_units(noisy.covariances, 100.0))
     assert np.allclose(centimetres[:, 1] - metres[:, 1], 4, atol=0.02)
     assert np.allclose(centimetres[:, 0], metres[:, 0], atol=0.05)
     assert np.ptp(metres[:, 0]) < 0.02
@@ -76,15 +76,15 @@ def test_position_sigma_of_poses_that_move_together():
     together = np.kron(np.ones((3, 3)), np.diag([sigma**2, 0.1 * sigma**2, 0]))
     covariance = together + np.diag(np.tile([0, 0, heading**2], 3))
     covariance += np.diag(np.tile([1e-5, 1e-5, 0], 3))
-    tau, smallest = windows.score(covariance), windows.log_extremes(covariance)[0]
-    assert windows.position_sigma(tau, smallest) == pytest.approx(sigma, rel=1e-3)
+    tau, smallest = trigger.score(covariance), trigger.log_extremes(covariance)[0]
+    assert trigger.position_sigma(tau, smallest) == pytest.approx(sigma, rel=1e-3)
 
 
 def test_position_sigma_says_what_a_score_means(clean):
     """The largest position sigma of a window's poses, read from its score alone, to 5 %."""
-    smallest = windows.log_extremes(clean.covariances)[:, 0]
+    smallest = trigger.log_extremes(clean.covariances)[:, 0]
     for i, covariance in enumerate(clean.covariances):
         blocks = [covariance[j : j + 2, j : j + 2] for j in (0, 3, 6)]
         largest = np.sqrt(np.mean([np.linalg.eigvalsh(block)[-1] for block in blocks]))
-        told = windows.position_sigma(clean.scores[i], smallest[i])
+        told = trigger.position_sigma(clean.scores[i], smallest[i])
         assert told == pytest.approx(largest, rel=0.05)

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sngr_utils import windows
 from sngr_utils.metrics import precision_recall, rmse_and_nees
 from sngr_utils.slam import isam2, marginals
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.solution import Solution
+from sngr_utils.sngr import failure, trigger, windows
 from sngr_utils.world import simulation
 from sngr_utils.world.scenario import Scenario
 
@@ -43,7 +43,7 @@ class Baseline:
 
     def fired(self, tau: float) -> np.ndarray:
         """(N,) bool: which windows trigger at `tau`."""
-        return windows.triggers(self.scores, tau)
+        return trigger.triggers(self.scores, tau)
 
     @property
     def base_rate(self) -> float:
@@ -51,7 +51,7 @@ class Baseline:
 
         NaN if the trajectory is so short that none may.
         """
-        eligible = self.failed[windows.FIRST_ELIGIBLE :]
+        eligible = self.failed[trigger.FIRST_ELIGIBLE :]
         return float(eligible.mean()) if len(eligible) else float("nan")
 
     def detection(self, tau: float) -> precision_recall.Detection:
@@ -74,8 +74,8 @@ def run_baseline(scenario: Scenario, conventions: Conventions, p: float, seed: i
         solution=solution,
         position_errors=distances,
         covariances=covariances,
-        scores=np.array([windows.score(covariance) for covariance in covariances]),
-        failed=windows.failures(distances),
+        scores=np.array([trigger.score(covariance) for covariance in covariances]),
+        failed=failure.failures(distances),
         pose_rmse=rmse_and_nees.rmse(solution.poses[:, :2], the_world.poses[:, :2]),
         landmark_rmse=rmse_and_nees.rmse(solution.landmarks, the_world.landmarks),
         nees=rmse_and_nees.nees(errors, marginals.position_covariances(solution, frame)),

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from sngr_utils import windows
 from sngr_utils.numerics import derivatives
 from sngr_utils.sampling.targets import compiled
 from sngr_utils.slam.solution import Solution
+from sngr_utils.sngr import closure, windows
 
 STEP = 1e-3  # of the differences in `expand`, [m] or [rad]
 
@@ -71,7 +71,7 @@ def conditional_target(
     factor : on the sum of GTSAM's error(); 1 is the likelihood, 1/2 the paper's
     """
     keys = windows.window_keys(t)
-    touching = windows.touching_factors(solution.graph, keys)
+    touching = closure.touching_factors(solution.graph, keys)
     return Target(keys, compiled.flatten(touching, solution.estimate, keys, factor), covariance)
 
 
@@ -88,7 +88,7 @@ def marginal_target(solution: Solution, t: int, pieces: list[Piece] | None = Non
     pieces : `expand` of the solution, if at hand
     """
     pieces, window = pieces or expand(solution), windows.window_keys(t)
-    touching = windows.touching_factors(solution.graph, window)
+    touching = closure.touching_factors(solution.graph, window)
     joined = sorted(set(touching.keyVector()) - set(window), key=_poses_first)
     keys, outside = [*window, *joined], [p for p in pieces if not set(window) & set(p.keys)]
     factors = compiled.flatten(touching, solution.estimate, keys, 1.0)

@@ -2,25 +2,17 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Annotated
 
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X
-from pydantic import Field
 
-from sngr_utils import windows
 from sngr_utils.sampling import engines, weighted_samples
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.targets.likelihood import LocalLikelihood
-from sngr_utils.settings import Checked, Positive
 from sngr_utils.slam.solution import Solution
-
-
-class Gate(Checked):
-    """tolerance : how far the log posterior of the mean may lie below the MAP's, [nats]"""
-
-    gate_tolerance: Annotated[float, Field(ge=0)] = 1e-3
+from sngr_utils.sngr import closure, windows
+from sngr_utils.sngr.gate import Gate, passes_gate
 
 
 @dataclass(frozen=True)
@@ -51,13 +43,8 @@ def window_likelihood(solution: Solution, t: int, factor: float) -> LocalLikelih
     samples nor any difference of log posteriors.
     """
     keys = windows.window_keys(t)
-    factors = windows.touching_factors(solution.graph, keys)
+    factors = closure.touching_factors(solution.graph, keys)
     return LocalLikelihood(factors, solution.estimate, keys, factor)
-
-
-def passes_gate(delta_logp: float, tolerance: float) -> bool:
-    """log p(mean) >= log p(MAP) - tolerance (paper eq. "gate")."""
-    return delta_logp >= -tolerance
 
 
 def refine_windows(
@@ -115,38 +102,3 @@ def apply_updates(estimate: gtsam.Values, refined: list[RefinedWindow]) -> gtsam
             for i, pose in enumerate(window.poses):
                 updated.update(X(window.t + i), pose)
     return updated
-
-
-class TriggerOnly(Checked):
-    """The no-op importance sampler of the trigger-only baseline; the paper's values."""
-
-    noop_samples: Annotated[int, Field(ge=2)] = 500
-    noop_sigma: Positive = 0.5  # in every coordinate, [m, m, rad]
-
-
-def noop_log_weights(
-    covariance: np.ndarray, settings: TriggerOnly, *, rng: np.random.Generator
-) -> np.ndarray:
-    """(N,) log importance weights of draws from N(MAP, s^2 I) under the iSAM2 marginal.
-
-    log N(x; MAP, Sigma_w) - log N(x; MAP, s^2 I), both normalised, [nats]. Their expectation
-    is `noop_expected_log_weight`.
-
-    Parameters
-    ----------
-    covariance : (d, d) joint marginal Sigma_w
-    """
-    d, sigma = len(covariance), settings.noop_sigma
-    draws = rng.normal(scale=sigma, size=(settings.noop_samples, d))
-    quadratic = np.sum(draws * np.linalg.solve(covariance, draws.T).T, axis=1)
-    log_determinant = np.linalg.slogdet(covariance)[1]
-    proposal = np.sum(draws**2, axis=1) / sigma**2 + 2 * d * np.log(sigma)
-    return -0.5 * (quadratic + log_determinant - proposal)
-
-
-def noop_expected_log_weight(covariance: np.ndarray, sigma: float) -> float:
-    """Closed form of the mean of `noop_log_weights`: minus KL(N(0, s^2 I) || N(0, Sigma_w))."""
-    d = len(covariance)
-    trace = sigma**2 * np.trace(np.linalg.inv(covariance))
-    log_ratio = np.linalg.slogdet(covariance)[1] - 2 * d * np.log(sigma)
-    return float(-0.5 * (trace - d + log_ratio))

@@ -4,18 +4,13 @@ The paper samples the root of the likelihood under a prior that already holds it
 target is that of `posterior`: every factor, once.
 """
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 from gtsam.symbol_shorthand import X
-from pydantic import Field
-from scipy import stats
 
-from sngr_utils import posterior, refine, windows
-from sngr_utils.baseline import Baseline
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.sampling import engines, importance, laplace, weighted_samples
 from sngr_utils.sampling.settings import FastSettings, SamplerSettings
@@ -24,6 +19,9 @@ from sngr_utils.settings import Checked, Positive
 from sngr_utils.slam import marginals
 from sngr_utils.slam.levenberg_marquardt import converge
 from sngr_utils.slam.solution import Solution, poses_of
+from sngr_utils.sngr import refine, window_posterior, windows
+from sngr_utils.sngr.baseline import Baseline
+from sngr_utils.sngr.gate import NoiseGate, passes_gate
 
 LONG_WALKS = 400  # steps at which the evidence has no bias that we can measure in 27 dimensions
 LAPLACE_DRAWS = 2000  # an effective thousand, where nested sampling at 100 live points has 500
@@ -41,35 +39,6 @@ class CorrectedSettings(Checked):
     separators: Literal["conditional", "marginal"] = "marginal"
     convergence: Literal["batch", "updates"] = "batch"
     proposal_scale: Positive = 4.0
-
-
-class NoiseGate(refine.Gate):
-    """A gate that forgives what a mean of n effective samples loses by its own noise.
-
-    For a Gaussian posterior in d dimensions and n independent samples that loss is
-    chi^2_d / 2n: d / 2n on average, with standard deviation sqrt(d / 2) / n.
-
-    gate_sigmas : standard deviations of the loss that are forgiven on top of its mean
-    """
-
-    gate_sigmas: Annotated[float, Field(ge=0)] = 3.0
-
-    def slack(self, dimension: int, effective: float) -> float:
-        """How far log p(mean) may lie below log p(MAP), [nats].
-
-        Parameters
-        ----------
-        effective : n, the effective number of samples
-        """
-        noise = 0.5 * dimension + self.gate_sigmas * math.sqrt(0.5 * dimension)
-        return self.gate_tolerance + noise / effective
-
-    def false_refusal(self, dimension: int, effective: float) -> float:
-        """Probability that the exact mode of a Gaussian posterior is refused by noise alone.
-
-        0.0098 for d = 9 and 0.0059 for d = 27 at three sigmas and no tolerance.
-        """
-        return float(stats.chi2.sf(2 * effective * self.slack(dimension, effective), dimension))
 
 
 def refine_windows(
@@ -94,17 +63,17 @@ def refine_windows(
         many starts find where that may not be trusted; or a compiled one of `settings.EngineChoice`
     """
     streams, scale = rng.spawn(len(covariances)), settings.proposal_scale
-    pieces = posterior.expand(solution) if settings.separators == "marginal" else None
+    pieces = window_posterior.expand(solution) if settings.separators == "marginal" else None
     refined = []
     for t in which:
-        aim = posterior.target(solution, t, covariances[t], settings.separators, pieces)
+        aim = window_posterior.target(solution, t, covariances[t], settings.separators, pieces)
         run = sample_target(aim, scale, sampler, engine, rng=streams[t])
         refined.append(judge(solution, int(t), aim, run, gate))
     return refined
 
 
 def sample_target(
-    aim: posterior.Target,
+    aim: window_posterior.Target,
     scale: float,
     sampler: SamplerSettings,
     engine: str = "laplace",
@@ -140,7 +109,7 @@ def _many_modes(
 def judge(
     solution: Solution,
     t: int,
-    aim: posterior.Target,
+    aim: window_posterior.Target,
     run: weighted_samples.NestedRun,
     gate: NoiseGate,
 ) -> refine.RefinedWindow:
@@ -153,7 +122,7 @@ def judge(
         solution.estimate.atPose2(X(t + i)).retract(mean[3 * i : 3 * i + 3])
         for i in range(windows.WIDTH)
     ]
-    return refine.RefinedWindow(t, gain, refine.passes_gate(gain, slack), moved, run)
+    return refine.RefinedWindow(t, gain, passes_gate(gain, slack), moved, run)
 
 
 @dataclass(frozen=True)
