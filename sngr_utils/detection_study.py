@@ -11,7 +11,17 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from sngr_utils import calibration, detectors, leverage
+from sngr_utils.detection import leverage
+from sngr_utils.detection.scores import (
+    SCORES,
+    condition_number,
+    disagreement,
+    disagreement_sigmas,
+    either,
+    largest_eigenvalue,
+    mirror_weight,
+)
+from sngr_utils.detection.thresholds import conformal_threshold, surprise
 from sngr_utils.robust import em, losses
 from sngr_utils.slam import isam2, levenberg_marquardt, selected_inverse
 from sngr_utils.slam.conventions import PRESETS, Conventions
@@ -69,7 +79,7 @@ class Case:
 def scores(
     the_world: simulation.World, conventions: Conventions, solution: Solution
 ) -> pd.DataFrame:
-    """One row per window, a column per score of `detectors.SCORES` except "either".
+    """One row per window, a column per score of `scores.SCORES` except "either".
 
     And "naive": the robust chi-square as if no range had leverage.
     """
@@ -82,14 +92,14 @@ def scores(
     null = selected_inverse.covariance_at(*reference, the_world, conventions)  # all labels right
     robust_test = leverage.chi_square(the_world, *reference, null)
     return pd.DataFrame({
-        "condition": detectors.condition_number(plain.windows),
-        "eigenvalue": detectors.largest_eigenvalue(plain.windows),
+        "condition": condition_number(plain.windows),
+        "eigenvalue": largest_eigenvalue(plain.windows),
         "chi_square": leverage.chi_square(the_world, poses, landmarks, plain).surprise,
         "chi_square_robust": robust_test.surprise,
         "naive": robust_test.naive_surprise,
-        "mirror": detectors.mirror_weight(the_world, poses, landmarks),
-        "disagreement": detectors.disagreement(poses, reference[0]),
-        "disagreement_sigmas": detectors.disagreement_sigmas(poses, reference[0], trusted),
+        "mirror": mirror_weight(the_world, poses, landmarks),
+        "disagreement": disagreement(poses, reference[0]),
+        "disagreement_sigmas": disagreement_sigmas(poses, reference[0], trusted),
     })
 
 
@@ -119,10 +129,10 @@ def window_rows(case: Case, paper: Scenario, conventions: Conventions, seed: int
     truth = {
         "scenario": case.scenario, "case": case.name, "p": case.p, "seed": seed,
         "window": np.arange(len(table)),
-        "error": detectors.disagreement(solution.poses, the_world.poses),
+        "error": disagreement(solution.poses, the_world.poses),
         "failed": failure.failures(errors),
         "contaminated": wrong_labels(the_world) > 0,
-        "oracle": detectors.disagreement(solution.poses, oracle),
+        "oracle": disagreement(solution.poses, oracle),
     }  # fmt: skip
     return table.assign(**truth).iloc[trigger.FIRST_ELIGIBLE :]
 
@@ -142,16 +152,16 @@ def run(
 
 def with_either(rows: pd.DataFrame, clean: pd.DataFrame) -> pd.DataFrame:
     """The rows with the score "either", its condition number calibrated on the `clean` ones."""
-    condition = calibration.surprise(rows["condition"], clean["condition"])
-    return rows.assign(either=detectors.either(condition, rows["chi_square"].to_numpy()))
+    condition = surprise(rows["condition"], clean["condition"])
+    return rows.assign(either=either(condition, rows["chi_square"].to_numpy()))
 
 
 def thresholds(clean: pd.DataFrame, alpha: float) -> dict[str, float]:
     """Threshold per detector at a nominal rate of false alarms: a null law, or calibration."""
     law = -np.log10(alpha)
     return {
-        name: calibration.conformal_threshold(clean[name], alpha) if name in CALIBRATED else law
-        for name in detectors.SCORES
+        name: conformal_threshold(clean[name], alpha) if name in CALIBRATED else law
+        for name in SCORES
     }
 
 

@@ -9,7 +9,7 @@ import pandas as pd
 from pydantic import Field, model_validator
 
 from sngr_utils import contest
-from sngr_utils.mirror import mirror_test
+from sngr_utils.detection.mirror_image import mirror_test
 from sngr_utils.sampling import ancestral_priors, weighted_samples
 from sngr_utils.sampling.modes import find_modes, ring_starts
 from sngr_utils.sampling.reference import N_ANGLES, N_RADII, landmark_reference, polar_grid

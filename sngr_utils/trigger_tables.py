@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from sngr_utils import detectors, report
+from sngr_utils import report
+from sngr_utils.detection import scores
 from sngr_utils.metrics import standard_error
 
 t = report.text
@@ -31,7 +32,7 @@ def interval(row: pd.Series, column: str, fmt: str = ".2f", scale: float = 1.0) 
 
 def scores_table() -> pd.DataFrame:
     """What every score asks."""
-    rows = [[NAMES[name], meaning] for name, meaning in detectors.SCORES.items()]
+    rows = [[NAMES[name], meaning] for name, meaning in scores.SCORES.items()]
     return pd.DataFrame(rows, columns=["score", "what it asks"])
 
 
@@ -40,7 +41,7 @@ def level_table(clean: pd.DataFrame) -> pd.DataFrame:
 
     The last column counts the windows that did not fail only.
     """
-    shown = [name for name in detectors.SCORES if name != "eigenvalue"]
+    shown = [name for name in scores.SCORES if name != "eigenvalue"]
     rows = []
     for scenario, group in clean.groupby("scenario", sort=False):
         by_name = group.set_index("detector")
@@ -105,7 +106,7 @@ def summary_table(
     bursts = failed[failed["case"].str.startswith("burst")].groupby("detector")["auc"].min()
     levels = 100 * clean.groupby("detector")["fired"].agg(["min", "max"])
     rows = []
-    for name in detectors.SCORES:
+    for name in scores.SCORES:
         auc, contamination, mcc = (t(column[name]) for column in found)
         least, most = (t(levels.loc[name, end], ".0f") for end in ("min", "max"))
         rows.append([NAMES[name], auc, t(bursts[name]), contamination, mcc, f"{least} to {most}"])

@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import calibration, detection_study, detection_summary, detectors, report
+from sngr_utils import detection_study, detection_summary, report
+from sngr_utils.detection import scores, thresholds
 from sngr_utils.detection_study import Case
 from sngr_utils.metrics import cluster_bootstrap
 from sngr_utils.settings import Positive, Probability, Seed
@@ -139,7 +140,7 @@ def calibration_rows(study: Study, config: Config, *, rng: np.random.Generator) 
     """
     clean, rows = study.calibration, []
     for name in detection_study.CALIBRATED:
-        low, high = calibration.quantile_interval(clean[name], config.nominal)
+        low, high = thresholds.quantile_interval(clean[name], config.nominal)
         drawn = cluster_bootstrap.quantile(
             clean[name].to_numpy(), 1 - config.nominal, clean["seed"].to_numpy(), rng=rng
         )
@@ -163,7 +164,7 @@ def levels(study: Study, *, rng: np.random.Generator) -> pd.DataFrame:
 
 def rankings(study: Study, truth: str, *, rng: np.random.Generator) -> pd.DataFrame:
     """How well every score ranks windows by `truth`, and the disagreement with the oracle."""
-    names = [*detectors.SCORES, "oracle"]
+    names = [*scores.SCORES, "oracle"]
     return detection_summary.ranking(study.noisy, names, truth, rng=rng)
 
 

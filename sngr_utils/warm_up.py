@@ -7,7 +7,8 @@ import gtsam
 import joblib
 import numpy as np
 
-from sngr_utils import contest, estimators, mirror
+from sngr_utils import contest, estimators
+from sngr_utils.detection import mirror_image
 from sngr_utils.online import estimator
 from sngr_utils.sampling import engines
 from sngr_utils.sampling.settings import SamplerSettings
@@ -46,7 +47,7 @@ def compile_estimators() -> None:
         x0_mean=np.zeros(3), x0_sigmas=np.ones(3), odometry_sigmas=np.ones(3),
         landmark_prior_sigma=1.0, range_sigma=1.0,
     )  # fmt: skip
-    mirror.mirror_test(np.zeros((1, 2)), np.ones(1), np.ones(1), np.ones(2))
+    mirror_image.mirror_test(np.zeros((1, 2)), np.ones(1), np.ones(1), np.ones(2))
     _sample("fast")
 
 

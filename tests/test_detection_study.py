@@ -2,7 +2,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sngr_utils import detection_study, detection_summary, detectors
+from sngr_utils import detection_study, detection_summary
+from sngr_utils.detection import scores
 from sngr_utils.metrics import precision_recall
 from sngr_utils.slam import conventions
 from sngr_utils.sngr import failure, trigger
@@ -53,7 +54,7 @@ def test_scenarios_change_what_they_name():
 
 def test_thresholds_by_law_or_by_calibration(rows):
     found = detection_study.thresholds(rows, 0.05)
-    assert set(found) == set(detectors.SCORES)
+    assert set(found) == set(scores.SCORES)
     for name in ("chi_square", "chi_square_robust", "either"):
         assert found[name] == pytest.approx(-np.log10(0.05))
     for name in detection_study.CALIBRATED:

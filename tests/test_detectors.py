@@ -3,7 +3,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sngr_utils import detection_study, detectors
+from sngr_utils import detection_study
+from sngr_utils.detection.scores import (
+    SCORES,
+    condition_number,
+    disagreement,
+    disagreement_sigmas,
+    either,
+    largest_eigenvalue,
+    mirror_weight,
+)
 from sngr_utils.slam import conventions, isam2, selected_inverse
 from sngr_utils.sngr import failure, trigger
 from sngr_utils.world import dead_reckoning, simulation
@@ -21,30 +30,30 @@ def run():
 def test_condition_number_is_the_papers_score(run):
     covariances = selected_inverse.window_covariances(run[1], run[0], C)
     expected = [trigger.score(covariance) for covariance in covariances]
-    assert np.allclose(detectors.condition_number(covariances), expected, rtol=1e-12)
+    assert np.allclose(condition_number(covariances), expected, rtol=1e-12)
 
 
 def test_largest_eigenvalue_sees_positions_only(run):
     """100 times the unit is four decades; the headings, blown up, change nothing."""
     covariances = selected_inverse.window_covariances(run[1], run[0], C)
-    scores = detectors.largest_eigenvalue(covariances)
-    moved = detectors.largest_eigenvalue(trigger.in_units(covariances, 100))
+    scores = largest_eigenvalue(covariances)
+    moved = largest_eigenvalue(trigger.in_units(covariances, 100))
     assert np.allclose(moved - scores, 4)
     scale = np.tile([1.0, 1.0, 1e4], 3)
-    assert np.allclose(detectors.largest_eigenvalue(covariances * np.outer(scale, scale)), scores)
+    assert np.allclose(largest_eigenvalue(covariances * np.outer(scale, scale)), scores)
 
 
 def test_disagreement_with_the_truth_is_failure(run):
     the_world, solution = run
     errors = np.linalg.norm((solution.poses - the_world.poses)[:, :2], axis=1)
-    against_truth = detectors.disagreement(solution.poses, the_world.poses)
+    against_truth = disagreement(solution.poses, the_world.poses)
     assert np.array_equal(against_truth > failure.FAILURE_ERROR, failure.failures(errors))
 
 
 def test_disagreement_is_a_mean_distance_in_metres_whatever_the_headings():
     reference = np.zeros((5, 3))
     poses = np.array([[3.0, 4, 9], [0, 0, 9], [0, 1, 9], [2, 0, 9], [0, 0, 9]])
-    assert detectors.disagreement(poses, reference) == pytest.approx([2.0, 1.0, 1.0])
+    assert disagreement(poses, reference) == pytest.approx([2.0, 1.0, 1.0])
 
 
 def test_disagreement_in_sigmas_has_its_law(run):
@@ -57,7 +66,7 @@ def test_disagreement_in_sigmas_has_its_law(run):
     covariance, rng = selected_inverse.covariance(solution, the_world, C), np.random.default_rng(3)
     reference = solution.poses
     plain = reference + np.array([30.0, -40.0, 0.0])
-    got = detectors.disagreement_sigmas(plain, reference, covariance)
+    got = disagreement_sigmas(plain, reference, covariance)
     for t in (0, 7):
         draws = rng.multivariate_normal(np.zeros(9), covariance.windows[t], size=4000)
         body, heading = draws.reshape(-1, 3, 3), reference[t : t + 3, 2]
@@ -72,7 +81,7 @@ def test_disagreement_in_sigmas_has_its_law(run):
 def test_equal_estimates_do_not_disagree(run):
     the_world, solution = run
     covariance = selected_inverse.covariance(solution, the_world, C)
-    scores = detectors.disagreement_sigmas(solution.poses, solution.poses, covariance)
+    scores = disagreement_sigmas(solution.poses, solution.poses, covariance)
     assert np.isfinite(scores).all()
     assert (scores < 0).all()
 
@@ -93,11 +102,11 @@ def straight(n_poses, landmark):
 def test_mirror_weight_on_a_line_and_round_a_bend():
     line = straight(10, [4.0, 3.0])
     landmarks = np.array([[4.0, 3.0], [np.nan, np.nan]])
-    assert detectors.mirror_weight(line, line.poses, landmarks) == pytest.approx(0.5)
+    assert mirror_weight(line, line.poses, landmarks) == pytest.approx(0.5)
     bent = line.poses.copy()
     bent[6:, 1] = 2.0 * np.arange(1, 5)
     distance = np.linalg.norm(bent[:, :2] - landmarks[0], axis=1)
-    turned = detectors.mirror_weight(replace(line, ranges=distance), bent, landmarks)
+    turned = mirror_weight(replace(line, ranges=distance), bent, landmarks)
     assert turned[:4] == pytest.approx(0.5)  # still on the straight part
     assert (turned[5:] < 1e-6).all()
 
@@ -107,9 +116,9 @@ def test_mirror_weight_is_asked_of_windows_that_see_the_landmark():
     line = straight(10, [4.0, 3.0])
     seen = line.keep((line.pose_of >= 4) & (line.pose_of <= 6))
     landmarks = np.array([[np.nan, np.nan], [4.0, 3.0]])
-    assert not detectors.mirror_weight(seen, line.poses, landmarks).any()  # those of an absent one
+    assert not mirror_weight(seen, line.poses, landmarks).any()  # those of an absent one
     seen = replace(seen, label_of=seen.label_of + 1)
-    got = detectors.mirror_weight(seen, line.poses, landmarks)
+    got = mirror_weight(seen, line.poses, landmarks)
     assert got == pytest.approx([0, 0, 0.5, 0.5, 0.5, 0.5, 0.5, 0])
 
 
@@ -126,10 +135,8 @@ def test_mirror_weight_is_the_largest_of_the_landmarks_and_of_the_ranges_so_far(
         source_of=np.repeat([0, 1], [10, 8]),
     )  # fmt: skip
     data = data.keep(np.argsort(data.pose_of, kind="stable"))
-    first, second = (
-        detectors.mirror_weight(data.keep(data.label_of == k), bent, landmarks) for k in (0, 1)
-    )
-    got = detectors.mirror_weight(data, bent, landmarks)
+    first, second = (mirror_weight(data.keep(data.label_of == k), bent, landmarks) for k in (0, 1))
+    got = mirror_weight(data, bent, landmarks)
     assert got == pytest.approx(np.maximum(first, second))
     assert second[3] == pytest.approx(0.5)
     assert first[7] < 1e-6
@@ -144,16 +151,16 @@ def test_mirror_weight_knows_the_noise():
     landmarks, gaps = np.array([[3.0, 2.0], [np.nan, np.nan]]), []
     for sigma in (0.3, 0.6):
         data = replace(line, ranges=distance, scenario=Scenario(n_poses=6, range_sigma=sigma))
-        weight = detectors.mirror_weight(data, bent, landmarks)[-1]
+        weight = mirror_weight(data, bent, landmarks)[-1]
         gaps.append(np.log(1 / weight - 1))
     assert gaps[0] == pytest.approx(4 * gaps[1], rel=1e-6)
 
 
 def test_either_is_bonferroni():
     first, second = np.array([3.0, 0.2, 0.1]), np.array([0.0, 2.0, 0.2])
-    joint = detectors.either(first, second)
+    joint = either(first, second)
     assert joint == pytest.approx([3 - np.log10(2), 2 - np.log10(2), 0.0])
-    assert np.array_equal(detectors.either(first), first)
+    assert np.array_equal(either(first), first)
 
 
 def test_scores_read_no_truth():
@@ -168,4 +175,4 @@ def test_scores_read_no_truth():
     solution = isam2.run_isam2(the_world, C)
     seen, unseen = (detection_study.scores(w, C, solution) for w in (the_world, blind))
     assert np.array_equal(seen, unseen)
-    assert set(seen) - {"naive"} | {"either"} == set(detectors.SCORES)
+    assert set(seen) - {"naive"} | {"either"} == set(SCORES)

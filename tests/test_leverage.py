@@ -8,7 +8,7 @@ import pytest
 from gtsam.symbol_shorthand import L, X
 from scipy import special, stats
 
-from sngr_utils import leverage
+from sngr_utils.detection import leverage
 from sngr_utils.slam import conventions, isam2, selected_inverse
 from sngr_utils.sngr import windows
 from sngr_utils.world import scenario, simulation

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from sngr_utils.mirror import mirror_test, trajectory_line
+from sngr_utils.detection.mirror_image import mirror_test, trajectory_line
 
 SIGMA = 0.1
 LINE = np.column_stack([np.linspace(0, 3, 4), np.zeros(4)])

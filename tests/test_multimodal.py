@@ -6,7 +6,8 @@ import pandas as pd
 import pytest
 from helpers import signatures
 
-from sngr_utils import contest, mirror, multimodal, multimodal_tables
+from sngr_utils import contest, multimodal, multimodal_tables
+from sngr_utils.detection import mirror_image
 
 QUICK = multimodal.Config(
     n_seeds=2, n_sampled=2, poses_seen=[2, 8], poses_sampled=[2], ranges_per_pose=[1],
@@ -58,7 +59,7 @@ def test_results_do_not_depend_on_the_number_of_workers(landmarks):
 
 def test_a_study_needs_nothing_more_compiled():
     contest.compile_all()
-    mirror.mirror_test(np.zeros((1, 2)), np.ones(1), np.ones(1), np.ones(2))
+    mirror_image.mirror_test(np.zeros((1, 2)), np.ones(1), np.ones(1), np.ones(2))
     before = signatures()
     config = QUICK.model_copy(update={"poses_seen": [2], "n_particles": 100})
     multimodal.view(config, 0, 1)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sngr_utils import mirror
+from sngr_utils.detection import mirror_image
 from sngr_utils.online import localisation
 from sngr_utils.sampling.targets import compiled, place
 from sngr_utils.world import dead_reckoning, scenario, simulation
@@ -129,7 +129,7 @@ def test_starts_are_apart_and_the_likeliest_first():
 
 def masses_of(cloud, evidence):
     """Share of a cloud on one side of the track, and of its first mode."""
-    centre, normal = mirror.trajectory_line(evidence.anchors)
+    centre, normal = mirror_image.trajectory_line(evidence.anchors)
     side = cloud.weights[(cloud.points - centre) @ normal > 0].sum()
     return side / cloud.weights.sum(), localisation.modes(cloud, evidence)[0].mass
 

@@ -4,16 +4,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from sngr_utils import (
-    detectors,
-    parameters,
-    paths,
-    report,
-    style,
-    trigger_plots,
-    trigger_tables,
-    triggers,
-)
+from sngr_utils import parameters, paths, report, style, trigger_plots, trigger_tables, triggers
+from sngr_utils.detection import scores
 
 
 @pytest.fixture(scope="module")
@@ -48,16 +40,16 @@ def test_tables_and_what_is_handed_on(config, study, tmp_path):
     clean, decided = triggers.levels(study, rng=rng), triggers.decisions(study, rng=rng)
     failed, wrong = (triggers.rankings(study, x, rng=rng) for x in ("failed", "contaminated"))
     cases, scenarios = 3, 8
-    assert trigger_tables.level_table(clean).shape == (scenarios, 2 + len(detectors.SCORES))
+    assert trigger_tables.level_table(clean).shape == (scenarios, 2 + len(scores.SCORES))
     for table, column in ((failed, "auc"), (wrong, "precision"), (failed, "within")):
         assert trigger_tables.case_table(table, column).shape == (
-            2 + len(detectors.SCORES),
+            2 + len(scores.SCORES),
             1 + cases,
         )
-    assert len(trigger_tables.case_table(decided, "mcc")) == 1 + len(detectors.SCORES)
+    assert len(trigger_tables.case_table(decided, "mcc")) == 1 + len(scores.SCORES)
     every = triggers.EVERY_P
     whole = trigger_tables.summary_table(failed, wrong, decided, clean, every)
-    assert whole.shape == (len(detectors.SCORES), 6)
+    assert whole.shape == (len(scores.SCORES), 6)
     claims = triggers.claims(study, config, rng=rng)
     assert len(trigger_tables.claims_table(claims, config.tau)) == 4 * 2
     assert len(trigger_tables.shifted_table(*triggers.shifted(study, rng=rng))) == scenarios - 1

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from sngr_utils import mirror
+from sngr_utils.detection import mirror_image
 from sngr_utils.sampling import compiled_nested, importance
 from sngr_utils.sampling.settings import FastSettings
 from sngr_utils.sampling.targets import compiled
@@ -79,7 +79,7 @@ def mirrored(evidence: Evidence) -> bool:
     fit = fitting(evidence, best, evidence.variances)
     if fit.sum() < 3:
         return True
-    found = mirror.mirror_test(
+    found = mirror_image.mirror_test(
         evidence.anchors[fit], evidence.ranges[fit], evidence.variances[fit], best
     )
     return found.gap < LEAST_GAP

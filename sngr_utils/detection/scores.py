@@ -6,7 +6,7 @@ The chi-square of the ranges is in `leverage`.
 
 import numpy as np
 
-from sngr_utils import mirror
+from sngr_utils.detection import mirror_image
 from sngr_utils.slam.selected_inverse import ChainCovariance
 from sngr_utils.sngr import failure, trigger
 from sngr_utils.sngr.windows import WIDTH, n_windows
@@ -102,8 +102,8 @@ def mirror_weight(world: World, poses: np.ndarray, landmarks: np.ndarray) -> np.
             n = np.searchsorted(seen_from, t + WIDTH)
             if n == 0 or seen_from[n - 1] < t:
                 continue  # not seen yet, or not by this window
-            found = mirror.Mirror(
-                *mirror.reflect(positions[:n], ranges[:n], variances[:n], landmarks[k])
+            found = mirror_image.Mirror(
+                *mirror_image.reflect(positions[:n], ranges[:n], variances[:n], landmarks[k])
             )
             weights[t] = max(weights[t], 1 / (1 + np.exp(min(found.gap, 700.0))))
     return weights
