@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import estimators, online_study, online_tables, report
+from sngr_utils import online_tables, report
+from sngr_utils.experiments import estimators, online_variants
 from sngr_utils.online import estimator, localisation
 from sngr_utils.sampling.targets import place
 from sngr_utils.settings import Positive, Probability, Seed
@@ -66,17 +67,17 @@ def run(config: Config) -> pd.DataFrame:
 
     Returns
     -------
-    the tables of `estimators.compare` and `online_study.run_variants` with the column ratio
+    the tables of `estimators.compare` and `online_variants.run_variants` with the column ratio
     """
     given = config.scenario, conventions.PRESETS[READING]
     seeds = config.seeds(config.n_seeds)
     others = [p for p in config.p_levels if p not in config.p_peers]
     tables = [estimators.compare(*given, config.p_peers, seeds, jobs=config.jobs)]
     if others:
-        few = (online_tables.BATCH, "oracle")
+        few = (estimators.BATCH, "oracle")
         tables.append(estimators.compare(*given, others, seeds, few, jobs=config.jobs))
-    ours = {online_study.NAME: estimator.Settings()}
-    tables.append(online_study.run_variants(*given, ours, config.p_levels, seeds, config.jobs))
+    ours = {online_variants.NAME: estimator.Settings()}
+    tables.append(online_variants.run_variants(*given, ours, config.p_levels, seeds, config.jobs))
     runs = estimators.relative_to_oracle(pd.concat(tables, ignore_index=True))
     return runs.sort_values("p", kind="stable", ignore_index=True)
 
@@ -86,8 +87,8 @@ def run_ablation(config: Config) -> pd.DataFrame:
     given = config.scenario, conventions.PRESETS[READING]
     levels, seeds = config.p_ablation, config.seeds(config.n_ablation)
     tables = [
-        online_study.run_variants(
-            *given, online_study.variants(nets), levels, seeds, config.jobs
+        online_variants.run_variants(
+            *given, online_variants.variants(nets), levels, seeds, config.jobs
         ).assign(nets=nets)
         for nets in (True, False)
     ]
@@ -97,7 +98,7 @@ def run_ablation(config: Config) -> pd.DataFrame:
 
 def run_slips(config: Config) -> pd.DataFrame:
     """Worlds where the odometry slips."""
-    runs = online_study.run_slips(
+    runs = online_variants.run_slips(
         config.scenario, conventions.PRESETS[READING], config.p_slip, config.slip_steps,
         config.slip_sigma, config.seeds(config.n_slip), config.jobs,
     )  # fmt: skip
@@ -109,10 +110,12 @@ def _filmed(config: Config) -> simulation.World:
     return simulation.simulate(config.scenario, config.p_film, rng=rng)
 
 
-def film(config: Config) -> list[online_study.Frame]:
+def film(config: Config) -> list[online_variants.Frame]:
     """The run of the first world, stopped at `FRAMES`."""
     at = [t for t in FRAMES if t < config.n_poses]
-    return online_study.film(_filmed(config), conventions.PRESETS[READING], at, config.first_seed)
+    return online_variants.film(
+        _filmed(config), conventions.PRESETS[READING], at, config.first_seed
+    )
 
 
 def few_poses(config: Config) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, float]]:
@@ -169,7 +172,7 @@ def record(
     to.value("online.n_ablation", config.n_ablation, ".0f")
     to.value("online.n_slip", config.n_slip, ".0f")
     n_windows = windows.n_windows(config.n_poses)
-    ours = runs[runs["method"] == online_study.NAME]
+    ours = runs[runs["method"] == online_variants.NAME]
     for p, rows in ours.groupby("p", sort=False):
         here = f"online.p{p:g}"
         for name, fmt in (("pose_rmse", ".3f"), ("ratio", ".3f"), ("nees", ".2f"),
@@ -181,11 +184,11 @@ def record(
         runs_of_nested = online_tables.sampled(rows)
         to.sample(f"{here}.nested", runs_of_nested)
         to.sample(f"{here}.windows", 100 * runs_of_nested / n_windows, ".1f", "%")
-    for (method, p), rows in runs[runs["method"] != online_study.NAME].groupby(["method", "p"]):
+    for (method, p), rows in runs[runs["method"] != online_variants.NAME].groupby(["method", "p"]):
         to.sample(f"online.{method}.p{p:g}.ratio", rows["ratio"])
         to.sample(f"online.{method}.p{p:g}.nees", rows["nees"])
     to.value("online.worst", ours["ratio"].max(), n=len(ours), within=0.2)
-    batch = runs[runs["method"] == online_tables.BATCH]
+    batch = runs[runs["method"] == estimators.BATCH]
     to.value("online.batch.largest_mean", batch.groupby("p")["ratio"].mean().max(), ".3f",
              within=0.05)  # fmt: skip
     for (name, p, nets), rows in ablation.groupby(["method", "p", "nets"]):

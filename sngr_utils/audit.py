@@ -9,8 +9,15 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import estimators, refined_sweep, report, sampler_audit, sweeps, window_audit
-from sngr_utils.metrics import cluster_bootstrap, precision_recall, standard_error, summaries
+from sngr_utils import report
+from sngr_utils.experiments import (
+    estimators,
+    isam2_over_worlds,
+    sampler_numbers,
+    sngr_over_worlds,
+    window_posteriors,
+)
+from sngr_utils.metrics import standard_error, summaries
 from sngr_utils.sampling import settings, weighted_samples
 from sngr_utils.settings import Positive, Probability
 from sngr_utils.slam import levenberg_marquardt
@@ -71,17 +78,17 @@ class Config(ManyWorlds):
         return self
 
 
-def run_sweep(config: Config) -> sweeps.Sweep:
+def run_sweep(config: Config) -> isam2_over_worlds.Sweep:
     """iSAM2 and the trigger on all worlds, under all presets, at all thresholds."""
     seeds = config.seeds(config.n_seeds)
-    return sweeps.run_sweep(
+    return isam2_over_worlds.run_sweep(
         config.scenario, PRESETS, config.p_levels, seeds, config.taus, config.jobs
     )
 
 
 def run_refined(config: Config) -> pd.DataFrame:
     """SNGR as the paper has it on all worlds, under all presets."""
-    return refined_sweep.run_sweep(
+    return sngr_over_worlds.run_sweep(
         config.scenario, PRESETS, config.p_refined, config.seeds(config.n_seeds),
         tau=config.tau_refined, jobs=config.jobs,
     )  # fmt: skip
@@ -89,9 +96,9 @@ def run_refined(config: Config) -> pd.DataFrame:
 
 def run_corrected(config: Config) -> pd.DataFrame:
     """SNGR, and corrected SNGR in both versions, on the same worlds and windows."""
-    return refined_sweep.run_sweep(
+    return sngr_over_worlds.run_sweep(
         config.scenario, PRESETS, config.p_corrected, config.seeds(config.n_corrected),
-        refined_sweep.VARIANTS, config.tau_refined, config.jobs,
+        sngr_over_worlds.VARIANTS, config.tau_refined, config.jobs,
     )  # fmt: skip
 
 
@@ -107,7 +114,9 @@ def run_nees(config: Config) -> pd.DataFrame:
     """NEES on clean data with a true and a drawn mean of the x0 prior, under all presets."""
     seeds = config.seeds(config.n_seeds)
     tables = [
-        sweeps.nees_variants(config.scenario, conventions, seeds, config.jobs).assign(preset=name)
+        isam2_over_worlds.nees_variants(config.scenario, conventions, seeds, config.jobs).assign(
+            preset=name
+        )
         for name, conventions in PRESETS.items()
     ]
     return pd.concat(tables, ignore_index=True)
@@ -159,20 +168,22 @@ def _study(config: Config, preset: str, seed: int) -> list[pd.DataFrame]:
     for separators, walks in (("conditional", 100), ("marginal", corrected.LONG_WALKS)):
         here = {"separators": separators}
         checks.append(
-            sampler_audit.evidence_check(
+            sampler_numbers.evidence_check(
                 settled, covariances, some[:: 1 + (separators == "marginal")], separators, walks,
                 rng=rng,
             ).assign(**here)
         )  # fmt: skip
         laplace.append(
-            window_audit.gaussianity(settled, covariances, some, separators, rng=rng).assign(**here)
+            window_posteriors.gaussianity(settled, covariances, some, separators, rng=rng).assign(
+                **here
+            )
         )
     tables = [
-        window_audit.widths(base, some, sampler, rng=rng),
-        window_audit.marginal_over_conditional(base),
-        window_audit.gains(base, factor=0.5),
+        window_posteriors.widths(base, some, sampler, rng=rng),
+        window_posteriors.marginal_over_conditional(base),
+        window_posteriors.gains(base, factor=0.5),
         pd.concat(laplace),
-        sampler_audit.ess_shares(at_rest, some, sampler, rng=rng),
+        sampler_numbers.ess_shares(at_rest, some, sampler, rng=rng),
         pd.concat(checks),
     ]
     return [table.assign(preset=preset, seed=seed) for table in tables]
@@ -191,7 +202,7 @@ def run_gaussian_ess(config: Config) -> pd.DataFrame:
 def _gaussian_ess(config: Config, preset: str, seed: int) -> tuple[str, int, float]:
     base = run_baseline(config.scenario, PRESETS[preset], config.p_windows, seed)
     middle = len(base.covariances) // 2
-    table = sampler_audit.ess_shares(
+    table = sampler_numbers.ess_shares(
         base, [middle], settings.SamplerSettings(min_walks=50), (1.0,),
         rng=np.random.default_rng([seed, 7]),
     )  # fmt: skip
@@ -210,7 +221,7 @@ def noop_readings(config: Config) -> pd.DataFrame:
 
 def _noop(config: Config, preset: str, seed: int) -> pd.DataFrame:
     base = run_baseline(config.scenario, PRESETS[preset], NOOP_P, seed)
-    table = sampler_audit.noop_readings(
+    table = sampler_numbers.noop_readings(
         base, config.tau_refined, noop_baseline.TriggerOnly(), rng=np.random.default_rng([seed, 8])
     )
     return table.assign(preset=preset, seed=seed)
@@ -219,13 +230,13 @@ def _noop(config: Config, preset: str, seed: int) -> pd.DataFrame:
 def bimodality_readings(runs: Sequence[weighted_samples.NestedRun]) -> pd.DataFrame:
     """The bimodality coefficient of y by reading, one row per run of notebook 01's experiment."""
     return pd.DataFrame([
-        sampler_audit.bimodality_readings(run.samples[:, 1], run.weights) for run in runs
+        sampler_numbers.bimodality_readings(run.samples[:, 1], run.weights) for run in runs
     ])
 
 
 def record(
     config: Config,
-    sweep: sweeps.Sweep,
+    sweep: isam2_over_worlds.Sweep,
     refined: pd.DataFrame,
     gaussian_ess: pd.DataFrame,
     to: report.Report,
@@ -289,43 +300,3 @@ def record_findings(
         sample(f"nees.{preset}.{mean}", rows["nees"])
     for (method, start, p), rows in robust_runs.groupby(["method", "start", "p"]):
         sample(f"robust.{method}.{start}.p{p:g}", rows["pose_rmse"], unit="m")
-
-
-def auc_rows(sweep: sweeps.Sweep, *, rng: np.random.Generator) -> pd.DataFrame:
-    """Per preset and p, windows that may fire: pooled AUC, AUC within worlds, precision.
-
-    Returns
-    -------
-    one row per preset and p: pooled, within, low, high (95 % interval of `within`), worlds (with
-    both classes), average_precision, base_rate
-    """
-    rows = []
-    for (preset, p), found in sweep.scores.query("eligible").groupby(["preset", "p"], sort=False):
-        score, failed = found["score"].to_numpy(), found["failed"].to_numpy()
-        within, (low, high), n = cluster_bootstrap.within_auc(
-            score, failed, found["seed"].to_numpy(), rng=rng
-        )
-        rows.append({
-            "preset": preset, "p": p, "pooled": precision_recall.roc_auc(score, failed), "within": within,
-            "low": low, "high": high, "worlds": n,
-            "average_precision": precision_recall.average_precision(score, failed),
-            "base_rate": float(failed.mean()),
-        })  # fmt: skip
-    return pd.DataFrame(rows)
-
-
-def curves(
-    sweep: sweeps.Sweep, preset: str, levels: Sequence[float]
-) -> dict[str, tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray], float]]:
-    """ROC curve, precision-recall curve and base rate per p, where both classes are there."""
-    eligible = sweep.scores.query("eligible and preset == @preset")
-    found = {}
-    for p in levels:
-        rows = eligible[eligible["p"] == p]
-        score, failed = rows["score"].to_numpy(), rows["failed"].to_numpy()
-        if failed.any() and not failed.all():
-            roc = precision_recall.roc_curve(score, failed)
-            found[f"p = {p:g}"] = (
-                roc, precision_recall.precision_recall_curve(score, failed), float(failed.mean())
-            )  # fmt: skip
-    return found

@@ -70,7 +70,7 @@ def silent_table(detections: pd.DataFrame) -> pd.DataFrame:
 
 
 def auc_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """`audit.auc_rows` as text."""
+    """`isam2_over_worlds.auc_rows` as text."""
     shown = [
         [
             row["preset"], f"{row['p']:g}", t(row["pooled"]),

@@ -8,6 +8,7 @@ import pandas as pd
 from pydantic import Field, model_validator
 
 from sngr_utils import bench, parameters, report
+from sngr_utils.experiments import engine_bench, growth
 from sngr_utils.metrics import standard_error
 from sngr_utils.sampling import engines, importance, weighted_samples
 from sngr_utils.sampling.settings import FastSettings, SamplerSettings
@@ -24,7 +25,7 @@ from sngr_utils.world.scenario import Scenario
 EVERY = 3  # of the windows that do not trigger, every third is run and stands for all of them
 
 
-class Config(Scenario, SamplerSettings, bench.BenchSettings):
+class Config(Scenario, SamplerSettings, engine_bench.BenchSettings):
     """Parameters of the cost study; the defaults are the paper's values where it states them.
 
     timing_calls : likelihood calls behind each time per call
@@ -96,12 +97,12 @@ def run_level(config: Config, p: float) -> Cost:
     """One p. The windows' random streams are those of the full pipeline (notebook 03)."""
     conventions = preset_conventions(config.preset, config.conventions)
     base = run_baseline(config.part(Scenario), conventions, p, config.seed)
-    _, isam2_seconds = bench.timed(lambda: run_isam2(base.world, conventions))
+    _, isam2_seconds = engine_bench.timed(lambda: run_isam2(base.world, conventions))
     streams = np.random.default_rng([config.seed, 1]).spawn(len(base.covariances))
     fired = base.fired(config.tau)
     calls, seconds = np.full((2, len(fired)), np.nan)
     for t in [*np.flatnonzero(fired), *np.flatnonzero(~fired)[::EVERY]]:
-        run, seconds[t] = bench.timed(lambda t=t: _sample(config, base, t, streams[t]))
+        run, seconds[t] = engine_bench.timed(lambda t=t: _sample(config, base, t, streams[t]))
         calls[t] = run.calls
     return Cost(base, fired, calls, seconds, isam2_seconds)
 
@@ -115,12 +116,12 @@ def _sample(
     return engines.sample_window(likelihood, base.covariances[t], settings, engine, rng=rng)
 
 
-def compare_engines(config: Config) -> dict[str, bench.Performance]:
-    """All engines on the same windows of one world (`bench.compare`)."""
+def compare_engines(config: Config) -> dict[str, engine_bench.Performance]:
+    """All engines on the same windows of one world (`engine_bench.compare`)."""
     conventions = preset_conventions(config.preset, config.conventions)
     base = run_baseline(config.part(Scenario), conventions, config.bench_p, config.seed)
-    settings, sizes = config.part(SamplerSettings), config.part(bench.BenchSettings)
-    return bench.compare(base, settings, sizes, rng=np.random.default_rng([config.seed, 4]))
+    settings, sizes = config.part(SamplerSettings), config.part(engine_bench.BenchSettings)
+    return engine_bench.compare(base, settings, sizes, rng=np.random.default_rng([config.seed, 4]))
 
 
 def likelihood_seconds(config: Config) -> float:
@@ -128,7 +129,9 @@ def likelihood_seconds(config: Config) -> float:
     conventions = preset_conventions(config.preset, config.conventions)
     base = run_baseline(config.part(Scenario), conventions, config.bench_p, config.seed)
     middle = len(base.covariances) // 2
-    return bench.likelihood_seconds(base, middle, config.likelihood_factor, config.timing_calls)
+    return engine_bench.likelihood_seconds(
+        base, middle, config.likelihood_factor, config.timing_calls
+    )
 
 
 def print_bench(config: Config) -> None:
@@ -145,7 +148,7 @@ def two_mode_table(*, rng: np.random.Generator, runs: int = 40) -> pd.DataFrame:
     """The fast path on the two-mode landmark of notebook 01, from one start and from many."""
     rows = []
     for n_starts in (1, FastSettings().n_starts):
-        masses, k_hats = bench.two_mode_runs(n_starts, runs, rng=rng)
+        masses, k_hats = engine_bench.two_mode_runs(n_starts, runs, rng=rng)
         right = np.abs(masses - 0.5) < 0.1
         content = k_hats <= importance.MAX_K_HAT
         rows.append([
@@ -156,10 +159,10 @@ def two_mode_table(*, rng: np.random.Generator, runs: int = 40) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def grow(config: Config) -> bench.Growth:
-    """CPU time against the number of poses (`bench.growth`)."""
+def grow(config: Config) -> growth.Growth:
+    """CPU time against the number of poses (`growth.growth`)."""
     conventions = preset_conventions(config.preset, config.conventions)
-    return bench.growth(config.lengths, config.part(Scenario), conventions, config.seed)
+    return growth.growth(config.lengths, config.part(Scenario), conventions, config.seed)
 
 
 def exhaustive_fast(config: Config) -> tuple[float, float]:
@@ -179,8 +182,8 @@ def exhaustive_fast(config: Config) -> tuple[float, float]:
         )  # fmt: skip
 
     refine_all()  # compile, or load what was compiled
-    _, isam2_seconds = bench.timed(lambda: run_isam2(base.world, conventions))
-    return bench.timed(refine_all)[1], isam2_seconds
+    _, isam2_seconds = engine_bench.timed(lambda: run_isam2(base.world, conventions))
+    return engine_bench.timed(refine_all)[1], isam2_seconds
 
 
 @dataclass(frozen=True)
@@ -214,13 +217,15 @@ def closure_cost(config: Config, cost: Cost, t: int, *, rng: np.random.Generator
     def likelihood(chosen):
         return LocalLikelihood(chosen, solution.estimate, keys, config.likelihood_factor)
 
-    looped = likelihood(bench.FactorLoop(whole))
+    looped = likelihood(engine_bench.FactorLoop(whole))
     all_at_once, local = likelihood(whole), likelihood(factors)
     cholesky = np.linalg.cholesky(cost.baseline.covariances[t])
     points = rng.normal(size=(config.timing_calls, local.dimension)) @ cholesky.T
     values, seconds = [], []
     for function in (looped, all_at_once, local):
-        at_points, took = bench.timed(lambda f=function: np.array([f(point) for point in points]))
+        at_points, took = engine_bench.timed(
+            lambda f=function: np.array([f(point) for point in points])
+        )
         values.append(at_points - function(np.zeros(local.dimension)))
         seconds.append(took / len(points))
     return ClosureCost(
@@ -339,8 +344,8 @@ def record(
 
 
 def record_engines(
-    performances: dict[str, bench.Performance],
-    grown: bench.Growth,
+    performances: dict[str, engine_bench.Performance],
+    grown: growth.Growth,
     fast: tuple[float, float],
     to: report.Report,
 ) -> None:
@@ -350,7 +355,7 @@ def record_engines(
         "nested_few", "nested", "fast",
     ), strict=True))  # fmt: skip
     for name, key in keys.items():
-        p, faster = performances[name], bench.ratio(performances, name)
+        p, faster = performances[name], engine_bench.ratio(performances, name)
         to.value(f"engine.{key}.ratio", faster, ".1f" if faster < 10 else ".0f", timing=True)
         error = standard_error.standard_error(p.errors)
         to.value(f"engine.{key}.bias", p.errors.mean(), ".3f", "nats", error, len(p.errors))

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import contest
 from sngr_utils.detection.mirror_image import mirror_test
+from sngr_utils.experiments import sampler_contest
 from sngr_utils.sampling import ancestral_priors, weighted_samples
 from sngr_utils.sampling.modes import find_modes, ring_starts
 from sngr_utils.sampling.reference import N_ANGLES, N_RADII, landmark_reference, polar_grid
@@ -221,7 +221,7 @@ def run_samplers(config: Config) -> pd.DataFrame:
     Returns
     -------
     one row per case, size (poses, or ranges per pose), seed and method: the errors of
-    `contest.judge`
+    `sampler_contest.judge`
     """
     seeds, few = config.seeds(config.n_seeds), config.seeds(config.n_sampled)
     jobs = [
@@ -249,14 +249,16 @@ def anchor_start(place: str) -> tuple[np.ndarray, np.ndarray]:
 def anchor_runs(config: Config, seed: int, place: str) -> dict[str, weighted_samples.NestedRun]:
     """Every method on the two anchors, the Gaussian priors about `anchor_start`."""
     rng = np.random.default_rng([seed, 9])
-    return contest.plane_runs(two_anchors(), *anchor_start(place), config.n_live_landmark, rng=rng)
+    return sampler_contest.plane_runs(
+        two_anchors(), *anchor_start(place), config.n_live_landmark, rng=rng
+    )
 
 
 def anchor_priors(n: int, *, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """(n, 2) draws of each prior on the two anchors, the Gaussian ones about a mode, [m]."""
     priors = {
         name: ancestral_priors.gaussian(*anchor_start("mode"), c)
-        for name, c in contest.SCALES.items()
+        for name, c in sampler_contest.SCALES.items()
     }
     priors["ancestral"] = ancestral_priors.ring(two_anchors())
     return {name: prior.draw(n, rng=rng) for name, prior in priors.items()}
@@ -265,12 +267,12 @@ def anchor_priors(n: int, *, rng: np.random.Generator) -> dict[str, np.ndarray]:
 def _anchors(config: Config, seed: int) -> list[dict]:
     target = two_anchors()
     modes = find_modes(target, ring_starts(target))
-    errors = contest.judge(landmark_reference(target), modes, lambda x: x)
+    errors = sampler_contest.judge(landmark_reference(target), modes, lambda x: x)
     rows = []
     for place in ("saddle", "mode"):
         runs = anchor_runs(config, seed, place)
         if place == "mode":  # the other methods do not depend on it
-            runs = {name: runs[name] for name in contest.SCALES}
+            runs = {name: runs[name] for name in sampler_contest.SCALES}
         head = {"case": f"two anchors, from the {place}", "size": 2, "seed": seed}
         rows += [{**head, "method": name, **errors(run)} for name, run in runs.items()]
     return rows
@@ -280,17 +282,17 @@ def _landmark(config: Config, seed: int, n: int) -> list[dict]:
     target, rng = config.landmark(seed, 0, n), np.random.default_rng([seed, 10])
     modes = find_modes(target, ring_starts(target))
     best = modes.places[0], modes.covariances[0]
-    runs = contest.plane_runs(target, *best, config.n_live_landmark, rng=rng)
-    errors = contest.judge(landmark_reference(target), modes, lambda x: x)
+    runs = sampler_contest.plane_runs(target, *best, config.n_live_landmark, rng=rng)
+    errors = sampler_contest.judge(landmark_reference(target), modes, lambda x: x)
     head = {"case": "landmark", "size": n, "seed": seed}
     return [{**head, "method": name, **errors(run)} for name, run in runs.items()]
 
 
 def _window(config: Config, seed: int, n_ranges: int) -> list[dict]:
     target, rng = config.window(seed, n_ranges), np.random.default_rng([seed, 11])
-    truth = contest.window_truth(target, config.n_particles, rng=rng)
-    errors = contest.judge(*truth, lambda x: target.positions(x)[:, -1])
-    runs = contest.window_runs(target, config.n_live_window, rng=rng)
+    truth = sampler_contest.window_truth(target, config.n_particles, rng=rng)
+    errors = sampler_contest.judge(*truth, lambda x: target.positions(x)[:, -1])
+    runs = sampler_contest.window_runs(target, config.n_live_window, rng=rng)
     head = {"case": "window", "size": n_ranges, "seed": seed}
     return [{**head, "method": name, **errors(run)} for name, run in runs.items()]
 
@@ -315,9 +317,9 @@ def run_windows(config: Config) -> pd.DataFrame:
 
 def _window_row(config: Config, seed: int, n_ranges: int) -> dict:
     target, rng = config.window(seed, n_ranges), np.random.default_rng([seed, 12])
-    coarse = 2 * contest.MASS_ERROR  # enough to tell whether there is a second mode
-    reference, modes = contest.window_truth(target, config.n_particles, coarse, rng=rng)
-    own = find_modes(target, ancestral_priors.tree(target).draw(contest.N_STARTS, rng=rng))
+    coarse = 2 * sampler_contest.MASS_ERROR  # enough to tell whether there is a second mode
+    reference, modes = sampler_contest.window_truth(target, config.n_particles, coarse, rng=rng)
+    own = find_modes(target, ancestral_priors.tree(target).draw(sampler_contest.N_STARTS, rng=rng))
     masses = np.sort(reference.masses(modes.label(reference.points), len(modes.places)))
     kl, kl_error = reference.divergence(lambda x: modes.log_gaussian(0, x))
     shares = np.exp(own.log_masses - np.logaddexp.reduce(own.log_masses))

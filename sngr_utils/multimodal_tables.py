@@ -3,7 +3,8 @@
 import numpy as np
 import pandas as pd
 
-from sngr_utils import contest, multimodal, report
+from sngr_utils import multimodal, report
+from sngr_utils.experiments import sampler_contest
 from sngr_utils.metrics import cluster_bootstrap, precision_recall, standard_error
 
 t = report.text
@@ -80,7 +81,10 @@ def groups(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
 def mass_errors(runs: pd.DataFrame) -> dict[str, dict[str, np.ndarray]]:
     """Group -> method -> (n,) errors of the masses, for the figure."""
     return {
-        name: {m: found.loc[found["method"] == m, "mass_error"].to_numpy() for m in contest.METHODS}
+        name: {
+            m: found.loc[found["method"] == m, "mass_error"].to_numpy()
+            for m in sampler_contest.METHODS
+        }
         for name, found in groups(runs).items()
     }
 
@@ -92,10 +96,10 @@ def summary_table(runs: pd.DataFrame) -> pd.DataFrame:
         short = name.replace("landmark, ", "")
         by_method = found.groupby("method")
         errors, calls = by_method["mass_error"], by_method["calls"].mean() / 1000
-        cells = [f"{t(errors.mean()[m])} ({t(errors.max()[m])})" for m in contest.METHODS]
+        cells = [f"{t(errors.mean()[m])} ({t(errors.max()[m])})" for m in sampler_contest.METHODS]
         columns[short] = cells
-        columns[f"calls, {short}"] = [f"{calls[m]:.0f}" for m in contest.METHODS]
-    return pd.DataFrame({"method": contest.METHODS, **columns})
+        columns[f"calls, {short}"] = [f"{calls[m]:.0f}" for m in sampler_contest.METHODS]
+    return pd.DataFrame({"method": sampler_contest.METHODS, **columns})
 
 
 def detection_rows(
@@ -165,7 +169,7 @@ def record(
         for name in ("auc", "auc_within"):
             to.value(f"{here}.{name}", getattr(row, name), n=total, within=0.05)
     short = ("gaussian", "c1", "c50", "ancestral", "reweighted", "starts")
-    names = dict(zip(contest.METHODS, short, strict=True))
+    names = dict(zip(sampler_contest.METHODS, short, strict=True))
     for (case, method), rows in runs.groupby(["case", "method"], sort=False):
         here = f"multimodal.{case.replace(', from the ', '_').replace(' ', '_')}.{names[method]}"
         errors = rows["mass_error"]

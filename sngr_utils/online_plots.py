@@ -24,7 +24,7 @@ FORGETTING = "seven that forget"  # redescending losses, switches, max-mixture w
 
 
 def draw_frame(ax: Axes, frame) -> None:
-    """What is believed at one pose (`online_study.Frame`), and the ranges of that pose.
+    """What is believed at one pose (`online_variants.Frame`), and the ranges of that pose.
 
     A line goes from the pose to the landmark that a range is credited to: green if that is its
     label's, orange if it was swapped; red and dotted to its label's if it is credited to none.

@@ -4,10 +4,11 @@ import numpy as np
 import pandas as pd
 from scipy.stats import false_discovery_control
 
-from sngr_utils import estimators, online_study, report, style
+from sngr_utils import report, style
+from sngr_utils.experiments import estimators, online_variants
+from sngr_utils.experiments.estimators import BATCH
 from sngr_utils.metrics import summaries
 
-BATCH = "em_exclusive"  # the same posterior over associations, not online
 LOST = 1.5  # times the oracle's RMSE, above which a run counts as lost
 t = report.text
 
@@ -35,7 +36,7 @@ def goal_table(runs: pd.DataFrame) -> pd.DataFrame:
     rows = []
     by = runs.set_index(["method", "p"]).sort_index()
     for p in dict.fromkeys(runs["p"]):
-        ours, batch, oracle = (by.loc[(m, p)] for m in (online_study.NAME, BATCH, "oracle"))
+        ours, batch, oracle = (by.loc[(m, p)] for m in (online_variants.NAME, BATCH, "oracle"))
         rows.append([
             f"{p:g}", t(oracle["pose_rmse"].mean(), ".3f"), t(ours["ratio"].mean(), ".3f"),
             t(ours["ratio"].max()), t((ours["graph_rmse"] / ours["oracle_rmse"]).mean()),
@@ -60,7 +61,7 @@ def test_table(runs: pd.DataFrame) -> pd.DataFrame:
     peers = [m for m in estimators.METHODS if m != "oracle"]
     chosen = runs[runs["p"].isin(levels)]
     means = chosen.groupby(["method", "p"])["ratio"].mean()
-    tests = [estimators.paired(chosen, m, online_study.NAME).set_index("p") for m in peers]
+    tests = [estimators.paired(chosen, m, online_variants.NAME).set_index("p") for m in peers]
     found = np.array([test.loc[levels, "p_value"] for test in tests])
     adjusted, rows = false_discovery_control(found, axis=None), []
     for method, values in zip(peers, adjusted.reshape(found.shape), strict=True):
@@ -76,10 +77,10 @@ def test_table(runs: pd.DataFrame) -> pd.DataFrame:
 
 def counts_table(runs: pd.DataFrame, n_windows: int) -> pd.DataFrame:
     """How often who was asked, and what else was done, per p: means over worlds."""
-    ours = runs[runs["method"] == online_study.NAME]
+    ours = runs[runs["method"] == online_variants.NAME]
     rows = []
     for p, group in ours.groupby("p", sort=False):
-        mean = group[list(online_study.COUNTS)].mean()
+        mean = group[list(online_variants.COUNTS)].mean()
         share = 100 * sampled(group).mean() / n_windows
         rows.append([
             f"{p:g}", t(mean["mirror waits"], ".1f"), t(mean["landmark questions"], ".1f"),
@@ -109,7 +110,7 @@ def ablation_table(runs: pd.DataFrame) -> pd.DataFrame:
     columns = [(p, nets) for p in dict.fromkeys(runs["p"]) for nets in (True, False)]
     rows = [
         [name, *(t(of[name, p, nets]) for p, nets in columns for of in (mean, worst))]
-        for name in online_study.PARTS
+        for name in online_variants.PARTS
     ]
     words = {True: "with both nets", False: "without"}
     heads = [
@@ -133,7 +134,7 @@ def slip_table(runs: pd.DataFrame) -> pd.DataFrame:
 
 def time_table(runs: pd.DataFrame) -> pd.DataFrame:
     """CPU time of a whole online run per p, median and longest, [s]."""
-    ours = runs[runs["method"] == online_study.NAME]
+    ours = runs[runs["method"] == online_variants.NAME]
     rows = [
         [f"{p:g}", t(group["seconds"].median()), t(group["seconds"].max())]
         for p, group in ours.groupby("p", sort=False)

@@ -3,8 +3,9 @@
 import numpy as np
 import pandas as pd
 
-from sngr_utils import estimators, report, style
+from sngr_utils import report, style
 from sngr_utils.audit_tables import interval
+from sngr_utils.experiments import estimators
 from sngr_utils.metrics import summaries
 
 LOST = 1.5  # times the oracle's RMSE, above which a run counts as lost

@@ -9,7 +9,8 @@ import pandas as pd
 from pydantic import Field, model_validator
 from scipy import stats
 
-from sngr_utils import estimators, peer_tables, report
+from sngr_utils import peer_tables, report
+from sngr_utils.experiments import estimators
 from sngr_utils.robust import (
     association,
     em,

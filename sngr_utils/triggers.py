@@ -8,9 +8,10 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import detection_study, detection_summary, report
+from sngr_utils import report
 from sngr_utils.detection import scores, thresholds
-from sngr_utils.detection_study import Case
+from sngr_utils.experiments import detector_scores, detector_summary
+from sngr_utils.experiments.detector_scores import Case
 from sngr_utils.metrics import cluster_bootstrap
 from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.slam.conventions import PRESETS
@@ -62,9 +63,9 @@ class Config(ManyWorlds):
         return self
 
     def worlds(self, cases: list[Case], seeds: Sequence[int]) -> pd.DataFrame:
-        """All windows of these cases, see `detection_study.window_rows`."""
+        """All windows of these cases, see `detector_scores.window_rows`."""
         conventions = PRESETS[READING]
-        return detection_study.run(cases, self.scenario, conventions, seeds, self.jobs)
+        return detector_scores.run(cases, self.scenario, conventions, seeds, self.jobs)
 
 
 @dataclass(frozen=True)
@@ -103,20 +104,20 @@ def run(config: Config) -> Study:
     clean = config.worlds([Case("paper", 0.0)], range(last, last + config.n_calibration))
     cases = [Case("paper", p) for p in (0.0, *config.p_levels)]
     cases += [Case("paper", p, config.burst_poses) for p in config.burst_levels]
-    others = [name for name in detection_study.SCENARIOS if name != "paper"]
+    others = [name for name in detector_scores.SCENARIOS if name != "paper"]
     shifted = [
         config.worlds([Case(name, p) for name in others], config.seeds(n))
         for p, n in ((0.0, config.n_seeds), (config.p_shifted, config.n_shifted))
     ]
     rows = config.worlds(cases, config.seeds(config.n_seeds))
     tables = [clean, rows, pd.concat(shifted, ignore_index=True)]
-    tables = [detection_study.with_either(table, clean) for table in tables]
-    return Study(*tables, detection_study.thresholds(tables[0], config.nominal))
+    tables = [detector_scores.with_either(table, clean) for table in tables]
+    return Study(*tables, detector_scores.thresholds(tables[0], config.nominal))
 
 
 def run_null(config: Config) -> pd.DataFrame:
     """The level of the chi-square by preset, and by where the residuals are taken."""
-    return detection_study.null_rates(
+    return detector_scores.null_rates(
         NULL_SCENARIOS, config.scenario, config.seeds(config.n_seeds), config.nominal, config.jobs
     )
 
@@ -126,7 +127,7 @@ def run_shown(config: Config) -> pd.DataFrame:
     case = Case("paper", config.p_shown, config.burst_poses)
     the_world = case.draw(config.scenario, config.seed_shown)
     rows = config.worlds([case], range(config.seed_shown, config.seed_shown + 1))
-    wrong = detection_study.wrong_labels(the_world)[trigger.FIRST_ELIGIBLE :]
+    wrong = detector_scores.wrong_labels(the_world)[trigger.FIRST_ELIGIBLE :]
     return rows.assign(wrong=wrong)
 
 
@@ -139,7 +140,7 @@ def calibration_rows(study: Study, config: Config, *, rng: np.random.Generator) 
     were independent; worlds_low, worlds_high, with whole worlds drawn
     """
     clean, rows = study.calibration, []
-    for name in detection_study.CALIBRATED:
+    for name in detector_scores.CALIBRATED:
         low, high = thresholds.quantile_interval(clean[name], config.nominal)
         drawn = cluster_bootstrap.quantile(
             clean[name].to_numpy(), 1 - config.nominal, clean["seed"].to_numpy(), rng=rng
@@ -159,19 +160,19 @@ def levels(study: Study, *, rng: np.random.Generator) -> pd.DataFrame:
     """
     clean = study.clean.assign(at_limit=study.clean["disagreement"])
     rules = {**study.thresholds, "at_limit": failure.FAILURE_ERROR}
-    return detection_summary.decisions(clean, rules, "failed", rng=rng)
+    return detector_summary.decisions(clean, rules, "failed", rng=rng)
 
 
 def rankings(study: Study, truth: str, *, rng: np.random.Generator) -> pd.DataFrame:
     """How well every score ranks windows by `truth`, and the disagreement with the oracle."""
     names = [*scores.SCORES, "oracle"]
-    return detection_summary.ranking(study.noisy, names, truth, rng=rng)
+    return detector_summary.ranking(study.noisy, names, truth, rng=rng)
 
 
 def decisions(study: Study, *, rng: np.random.Generator) -> pd.DataFrame:
     """Failure, by every detector at its threshold; the disagreement's is the failure limit."""
     rules = {**study.thresholds, **AT_LIMIT}
-    return detection_summary.decisions(study.noisy, rules, "failed", rng=rng)
+    return detector_summary.decisions(study.noisy, rules, "failed", rng=rng)
 
 
 def claims(study: Study, config: Config, *, rng: np.random.Generator) -> pd.DataFrame:
@@ -182,7 +183,7 @@ def claims(study: Study, config: Config, *, rng: np.random.Generator) -> pd.Data
     }  # fmt: skip
     everywhere = study.rows[study.rows["case"].str.startswith("p =")]
     everywhere = everywhere.assign(calibrated=everywhere["condition"])
-    return detection_summary.decisions(everywhere, rules, "failed", rng=rng)
+    return detector_summary.decisions(everywhere, rules, "failed", rng=rng)
 
 
 def shifted(study: Study, *, rng: np.random.Generator) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -190,8 +191,8 @@ def shifted(study: Study, *, rng: np.random.Generator) -> tuple[pd.DataFrame, pd
     rows = study.shifted.query("p > 0")
     names = ["condition", "chi_square", "disagreement", "disagreement_sigmas"]
     return (
-        detection_summary.ranking(rows, names, "failed", rng=rng),
-        detection_summary.decisions(rows, AT_LIMIT, "failed", rng=rng),
+        detector_summary.ranking(rows, names, "failed", rng=rng),
+        detector_summary.decisions(rows, AT_LIMIT, "failed", rng=rng),
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import anchors, window
 
-from sngr_utils import contest
+from sngr_utils.experiments import sampler_contest
 from sngr_utils.metrics import effective_sample_size
 from sngr_utils.sampling import adaptive_importance
 from sngr_utils.sampling.modes import Modes, find_modes, ring_starts
@@ -69,7 +69,7 @@ def test_bent_modes_of_a_window(n_ranges):
     """Masses to 0.05 and evidence to 0.1, where 4000 effective draws and the reference leave 0.01
     and 0.03: some four standard errors."""
     target, rng = window(n_ranges, seed=101), np.random.default_rng(4)
-    reference, modes = contest.window_truth(target, 6000, rng=rng)
+    reference, modes = sampler_contest.window_truth(target, 6000, rng=rng)
     own = find_modes(target, rng.standard_normal((100, 9)))
     run = adaptive_importance.draws(target, own, 10_000, rng=rng)
     assert (

@@ -2,15 +2,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sngr_utils import (
-    association_aware,
-    estimators,
-    online_plots,
-    online_study,
-    online_tables,
-    report,
-    style,
-)
+from sngr_utils import association_aware, online_plots, online_tables, report, style
+from sngr_utils.experiments import estimators, online_variants
 
 CONFIG = association_aware.Config(
     n_seeds=2,
@@ -33,13 +26,13 @@ def test_all_meet_the_same_worlds(runs):
     counts = runs.groupby(["method", "p"]).size().unstack()
     assert (counts[0.4] == 2).all()
     kept = set(counts.index[counts[0.0].notna()])
-    assert kept == {online_study.NAME, online_tables.BATCH, "oracle"}
+    assert kept == {online_variants.NAME, estimators.BATCH, "oracle"}
     assert (runs.loc[runs["method"] == "oracle", "ratio"] == 1).all()
 
 
 def test_tables_hold_what_the_frame_holds(runs):
     goal = online_tables.goal_table(runs)
-    ours = runs[(runs["method"] == online_study.NAME) & (runs["p"] == 0.4)]
+    ours = runs[(runs["method"] == online_variants.NAME) & (runs["p"] == 0.4)]
     assert goal.iloc[1]["online: ratio"] == f"{ours['ratio'].mean():.3f}"
     assert len(online_tables.test_table(runs)) == runs["method"].nunique() - 2  # ours, the oracle
     counts = online_tables.counts_table(runs, 14)
@@ -56,13 +49,13 @@ def test_p_values_are_those_of_the_paired_test_and_never_smaller(runs):
     shown = table[f"p = {p:g}", "p-value"].astype(float)
     peers = [m for m in estimators.METHODS if m != "oracle"]
     chosen = runs[runs["p"] == p]
-    raw = [estimators.paired(chosen, m, online_study.NAME)["p_value"].iloc[0] for m in peers]
+    raw = [estimators.paired(chosen, m, online_variants.NAME)["p_value"].iloc[0] for m in peers]
     assert (shown >= 0.95 * np.array(raw)).all()  # one digit is shown
     assert shown.max() == float(f"{max(raw):.1g}")
 
 
 def test_summary_draws_every_method(runs):
-    series = online_tables.summary_series(runs, {online_study.NAME: "association-aware SNGR"})
+    series = online_tables.summary_series(runs, {online_variants.NAME: "association-aware SNGR"})
     assert len(series) == runs["method"].nunique() - 1
     assert set(online_plots.NAMED) <= set(series)
     _, ax = style.figure()
@@ -81,15 +74,15 @@ def test_few_poses_are_many_places_and_more_are_one():
 def test_what_is_recorded_is_what_was_run(runs, tmp_path):
     slips = association_aware.run_slips(CONFIG)
     ablation = pd.concat([
-        runs[runs["method"] == online_study.NAME].assign(nets=nets) for nets in (True, False)
+        runs[runs["method"] == online_variants.NAME].assign(nets=nets) for nets in (True, False)
     ])
     paper = report.Report("08_association_aware", tmp_path)
     association_aware.record(CONFIG, runs, ablation, slips, paper)
     paper.save()
     handed = report.entries(report.read_json(tmp_path / "08_association_aware.json"))
-    ours = runs[(runs["method"] == online_study.NAME) & (runs["p"] == 0.4)]
+    ours = runs[(runs["method"] == online_variants.NAME) & (runs["p"] == 0.4)]
     assert handed["online.p0.4.ratio"]["value"] == pytest.approx(ours["ratio"].mean())
-    lost = (slips.loc[slips["method"] == online_study.NAME, "ratio"] > 1.5).sum()
+    lost = (slips.loc[slips["method"] == online_variants.NAME, "ratio"] > 1.5).sum()
     assert handed["online.slip.online.lost"]["value"] == lost
     assert all(np.isfinite(entry["value"]) for entry in handed.values())
 

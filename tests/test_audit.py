@@ -3,7 +3,8 @@ import pandas as pd
 import pytest
 from ruamel.yaml import YAML
 
-from sngr_utils import audit, audit_tables, claims, parameters, paths, report, sampler_audit
+from sngr_utils import audit, audit_tables, claims, parameters, paths, report
+from sngr_utils.experiments import isam2_over_worlds, sampler_numbers
 from sngr_utils.slam import conventions
 from sngr_utils.sngr import noop_baseline
 
@@ -77,7 +78,7 @@ def test_tables_are_whole(small, sweep, studies):
         8,
     )
     assert len(audit_tables.silent_table(detections)) == len(small.taus)
-    rows = audit.auc_rows(sweep, rng=np.random.default_rng(0))
+    rows = isam2_over_worlds.auc_rows(sweep, rng=np.random.default_rng(0))
     assert len(audit_tables.auc_table(rows)) == n_levels * n_presets
     assert len(audit_tables.units_table(sweep.scores)) == n_presets
     for frame, make in (
@@ -98,7 +99,7 @@ def test_interval_and_its_absence():
 
 
 def test_readings_of_the_noop_weight_hold_the_closed_form(noisy):
-    table = sampler_audit.noop_readings(
+    table = sampler_numbers.noop_readings(
         noisy, 3.9, noop_baseline.TriggerOnly(), rng=np.random.default_rng(0)
     )
     t = int(table["window"].iloc[0])

@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from sngr_utils import bench, cost, plots, report
+from sngr_utils.experiments import engine_bench, growth
 from sngr_utils.sampling import settings
 from sngr_utils.slam import conventions
 from sngr_utils.sngr import refine, trigger
@@ -28,8 +29,8 @@ def test_every_engine_takes_part_and_is_measured(engines):
         assert (p.seconds >= 0).all()
         assert (p.calls > 30).all()
         assert (np.abs(p.errors) < 3).all()  # ten times the error of 30 live points
-    assert bench.ratio(performances, bench.WINDOW_LOOP) == 1
-    assert bench.ratio(performances, "fast path") > 10
+    assert engine_bench.ratio(performances, engine_bench.WINDOW_LOOP) == 1
+    assert engine_bench.ratio(performances, "fast path") > 10
 
 
 def test_bench_tables_and_values(engines, tmp_path, capsys):
@@ -67,27 +68,27 @@ def test_refining_all_windows_by_the_fast_path_is_cheap():
 
 def test_growth_measures_what_it_says(engines):
     config, _ = engines
-    grown = bench.growth(
+    grown = growth.growth(
         config.lengths, config.part(Scenario), conventions.PRESETS["B"], config.seed
     )  # fmt: skip
-    assert set(grown.seconds) == set(bench.GROWTH)
+    assert set(grown.seconds) == set(growth.GROWTH)
     assert all((seconds > 0).all() for seconds in grown.seconds.values())
     assert grown.largest_error < 1e-9
     table = bench.growth_table(grown)
     assert table.shape == (5, 4)
-    assert np.isnan(bench.Growth(np.array([3, 4]), {"a": np.array([1.0, np.nan])}, 0.0).slope("a"))
+    assert np.isnan(growth.Growth(np.array([3, 4]), {"a": np.array([1.0, np.nan])}, 0.0).slope("a"))
 
 
 def test_slope_of_a_power_law():
     lengths = np.array([10, 100, 1000])
-    grown = bench.Growth(lengths, {"square": 3e-6 * lengths**2.0}, 0.0)
+    grown = growth.Growth(lengths, {"square": 3e-6 * lengths**2.0}, 0.0)
     assert grown.slope("square") == pytest.approx(2)
 
 
 def test_long_worlds_keep_the_step():
     scenario = Scenario()
     short, long = (
-        bench.long_world(n, scenario, rng=np.random.default_rng(0)) for n in (30, 300)
+        growth.long_world(n, scenario, rng=np.random.default_rng(0)) for n in (30, 300)
     )  # fmt: skip
     same = simulate(scenario, 0.0, rng=np.random.default_rng(0))
     assert np.array_equal(short.ranges, same.ranges)
@@ -98,8 +99,8 @@ def test_long_worlds_keep_the_step():
 def test_two_modes_from_one_start_and_from_many():
     """One start is wrong always; 32 miss a basin of one half once in 2^32."""
     rng = np.random.default_rng(0)
-    one, _ = bench.two_mode_runs(1, 20, rng=rng)
-    many, _ = bench.two_mode_runs(32, 20, rng=rng)
+    one, _ = engine_bench.two_mode_runs(1, 20, rng=rng)
+    many, _ = engine_bench.two_mode_runs(32, 20, rng=rng)
     assert np.all((one < 0.1) | (one > 0.9))
     assert np.all(np.abs(many - 0.5) < 0.1)
     table = cost.two_mode_table(rng=rng, runs=5)
@@ -110,7 +111,7 @@ def test_reference_is_that_of_the_likelihood(noisy):
     """Against a second reference with other draws, at 5 standard errors."""
     likelihood = refine.window_likelihood(noisy.solution, 9, 0.5)
     first, second = (
-        bench.reference(likelihood, noisy.covariances[9], settings.SamplerSettings(), 20_000,
+        engine_bench.reference(likelihood, noisy.covariances[9], settings.SamplerSettings(), 20_000,
                         rng=np.random.default_rng(seed))
         for seed in (0, 1)
     )  # fmt: skip
@@ -120,8 +121,8 @@ def test_reference_is_that_of_the_likelihood(noisy):
 
 
 def test_windows_are_spread_over_those_that_may_trigger():
-    assert bench.spread_evenly(4, 28) == [2, 10, 19, 27]
-    assert min(bench.spread_evenly(1, 28)) >= trigger.FIRST_ELIGIBLE
+    assert engine_bench.spread_evenly(4, 28) == [2, 10, 19, 27]
+    assert min(engine_bench.spread_evenly(1, 28)) >= trigger.FIRST_ELIGIBLE
 
 
 def test_bad_bench_names_the_parameter():

@@ -8,7 +8,7 @@ import pytest
 from gtsam.symbol_shorthand import X
 from scipy import stats
 
-from sngr_utils import refined_sweep, sampler_audit, window_audit
+from sngr_utils.experiments import sampler_numbers, sngr_over_worlds, window_posteriors
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.sampling import compiled_nested, importance, laplace, settings
 from sngr_utils.sampling.targets import compiled, place
@@ -153,7 +153,7 @@ def test_laplace_is_exact_for_a_gaussian():
     rng = np.random.default_rng(0)
     root = rng.normal(size=(9, 9))
     precision, cholesky = root @ root.T + np.eye(9), np.diag(rng.uniform(0.5, 2, 9))
-    factors = sampler_audit.gaussian_factors(precision)
+    factors = sampler_numbers.gaussian_factors(precision)
     found = laplace.laplace_approximation(factors, cholesky, rng.normal(size=9))
     covariance = np.linalg.inv(precision + np.diag(np.diag(cholesky) ** -2.0))
     assert np.allclose(found.covariance, covariance, rtol=1e-6, atol=1e-9)
@@ -168,7 +168,7 @@ def test_laplace_is_exact_for_a_gaussian():
 @pytest.mark.parametrize("bend", [-0.5, -0.99, 24.0])
 def test_laplace_needs_a_peak_not_a_sharp_one(bend):
     """Likelihoods that flatten the unit prior or sharpen it: precision 1 + bend on every axis."""
-    factors = sampler_audit.gaussian_factors(bend * np.eye(3))
+    factors = sampler_numbers.gaussian_factors(bend * np.eye(3))
     found = laplace.laplace_approximation(factors, np.eye(3), np.full(3, 0.7))
     assert found.covariance == pytest.approx(np.eye(3) / (1 + bend), abs=1e-6 / (1 + bend))
     assert found.mode == pytest.approx(np.zeros(3), abs=1e-6)
@@ -176,7 +176,7 @@ def test_laplace_needs_a_peak_not_a_sharp_one(bend):
 
 
 def test_no_laplace_at_a_saddle():
-    factors = sampler_audit.gaussian_factors(-4 * np.eye(9))
+    factors = sampler_numbers.gaussian_factors(-4 * np.eye(9))
     assert laplace.laplace_approximation(factors, np.eye(9), np.zeros(9)) is None
     assert laplace.sample(factors, np.eye(9), 100, rng=np.random.default_rng(0)) is None
 
@@ -219,13 +219,13 @@ def test_a_target_with_a_saddle_at_the_estimate_is_sampled_about_all_its_modes()
 def test_objections_to_the_weights_are_noted(monkeypatch):
     diagnostics = importance.Diagnostics(n_modes=8, converged=0.5, k_hat=0.1, ess=1000)
     draw = importance.sample(
-        sampler_audit.gaussian_factors(np.eye(3)), np.eye(3), settings.FastSettings(),
+        sampler_numbers.gaussian_factors(np.eye(3)), np.eye(3), settings.FastSettings(),
         rng=np.random.default_rng(0),
     )  # fmt: skip
     monkeypatch.setattr(
         importance, "sample", lambda *_, rng: dataclasses.replace(draw, diagnostics=diagnostics)
     )
-    factors = sampler_audit.gaussian_factors(-4 * np.eye(3))  # no peak at the estimate
+    factors = sampler_numbers.gaussian_factors(-4 * np.eye(3))  # no peak at the estimate
     aim = SimpleNamespace(covariance=np.eye(3), corrected=lambda scale: factors)
     run = corrected.sample_target(aim, 1.0, settings.SamplerSettings(), rng=None)
     assert run.note == "modes, starts"
@@ -251,7 +251,7 @@ def test_other_engines_get_the_targets_prior_and_the_whole_likelihood(monkeypatc
 
 def test_nothing_is_left_to_gain_after_batch(noisy):
     settled = levenberg_marquardt.converge(noisy.solution)
-    assert all(-1e-6 <= window_audit.attainable_gain(settled, t) < 5e-3 for t in (0, 9, 20))
+    assert all(-1e-6 <= window_posteriors.attainable_gain(settled, t) < 5e-3 for t in (0, 9, 20))
 
 
 def test_corrected_run_moves_only_accepted_windows(noisy):
@@ -269,20 +269,20 @@ def test_corrected_run_moves_only_accepted_windows(noisy):
 def test_widths_follow_the_gaussian_prediction(quiet):
     """A run of nine coordinates at an ESS of some 500: 10 % is at least three errors."""
     base, _ = quiet
-    table = window_audit.widths(
+    table = window_posteriors.widths(
         base, [3], settings.SamplerSettings(min_walks=50), rng=np.random.default_rng(0)
     )
     assert np.allclose(table["over_conditional"], table["predicted_conditional"], rtol=0.1)
 
 
 def test_readings_of_the_no_op_weights_and_of_the_coefficient(noisy):
-    table = sampler_audit.noop_readings(
+    table = sampler_numbers.noop_readings(
         noisy, 3.0, noop_baseline.TriggerOnly(), rng=np.random.default_rng(0)
     )
     assert len(table) == noisy.fired(3.0).sum() > 0
     assert (table["ratio, 9 x 9"] > table["target, 9 x 9"]).all()
     two = np.array([-1.0, 1.0, -1.0, 1.0, 1.0])
-    readings = sampler_audit.bimodality_readings(two, np.ones(5))
+    readings = sampler_numbers.bimodality_readings(two, np.ones(5))
     assert readings["weighted"] == pytest.approx(1.0)
     assert readings["unweighted"] == readings["weighted"]
 
@@ -294,7 +294,7 @@ def test_long_walks_have_no_bias():
     rng = np.random.default_rng(5)
     root = rng.normal(size=(9, 9))
     covariance = root @ root.T + np.eye(9)
-    factors = sampler_audit.gaussian_factors(15 * np.linalg.inv(covariance))
+    factors = sampler_numbers.gaussian_factors(15 * np.linalg.inv(covariance))
     cholesky, exact = np.linalg.cholesky(covariance), -0.5 * 9 * np.log(16)
     runs = [
         compiled_nested.sample(factors, cholesky, 100, 400, 0.5, rng=np.random.default_rng(i))
@@ -313,7 +313,7 @@ def test_batch_ends_where_gtsams_default_damping_does_not():
 
 def test_sweep_is_the_same_serial_and_parallel():
     def table(jobs):
-        return refined_sweep.run_sweep(
+        return sngr_over_worlds.run_sweep(
             scenario.Scenario(n_poses=8), {"C": conventions.PRESETS["C"]}, [0.2], [0, 1],
             ("paper", "conditional"), tau=3.0, jobs=jobs,
         )  # fmt: skip
@@ -324,4 +324,4 @@ def test_sweep_is_the_same_serial_and_parallel():
     assert serial.equals(parallel)
     assert (serial["triggered"] > 0).all()
     with pytest.raises(ValueError, match="variants"):
-        refined_sweep.run_sweep(QUIET, {}, [], [], ("bold",))
+        sngr_over_worlds.run_sweep(QUIET, {}, [], [], ("bold",))

@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sngr_utils import detection_study
 from sngr_utils.detection.scores import (
     SCORES,
     condition_number,
@@ -13,6 +12,7 @@ from sngr_utils.detection.scores import (
     largest_eigenvalue,
     mirror_weight,
 )
+from sngr_utils.experiments import detector_scores
 from sngr_utils.slam import conventions, isam2, selected_inverse
 from sngr_utils.sngr import failure, trigger
 from sngr_utils.world import dead_reckoning, simulation
@@ -164,7 +164,7 @@ def test_either_is_bonferroni():
 
 
 def test_scores_read_no_truth():
-    case = detection_study.Case("paper", 0.3)
+    case = detector_scores.Case("paper", 0.3)
     the_world = case.draw(Scenario(n_poses=12), 100)
     blind = replace(
         the_world,
@@ -173,6 +173,6 @@ def test_scores_read_no_truth():
         source_of=np.full_like(the_world.source_of, -1),
     )
     solution = isam2.run_isam2(the_world, C)
-    seen, unseen = (detection_study.scores(w, C, solution) for w in (the_world, blind))
+    seen, unseen = (detector_scores.scores(w, C, solution) for w in (the_world, blind))
     assert np.array_equal(seen, unseen)
     assert set(seen) - {"naive"} | {"either"} == set(SCORES)

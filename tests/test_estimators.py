@@ -5,7 +5,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sngr_utils import estimators
+from sngr_utils.experiments import estimators
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.robust import fastslam, losses
 from sngr_utils.sampling import engines

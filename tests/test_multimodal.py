@@ -6,8 +6,9 @@ import pandas as pd
 import pytest
 from helpers import signatures
 
-from sngr_utils import contest, multimodal, multimodal_tables
+from sngr_utils import multimodal, multimodal_tables
 from sngr_utils.detection import mirror_image
+from sngr_utils.experiments import sampler_contest
 
 QUICK = multimodal.Config(
     n_seeds=2, n_sampled=2, poses_seen=[2, 8], poses_sampled=[2], ranges_per_pose=[1],
@@ -58,7 +59,7 @@ def test_results_do_not_depend_on_the_number_of_workers(landmarks):
 
 
 def test_a_study_needs_nothing_more_compiled():
-    contest.compile_all()
+    sampler_contest.compile_all()
     mirror_image.mirror_test(np.zeros((1, 2)), np.ones(1), np.ones(1), np.ones(2))
     before = signatures()
     config = QUICK.model_copy(update={"poses_seen": [2], "n_particles": 100})
@@ -86,9 +87,9 @@ def test_every_case_is_counted_once_and_every_method_judged(landmarks):
     assert set(counted[rows["case"] == "window"]) == {len(found)}
     runs = multimodal.run_samplers(QUICK)
     for case in ("landmark", "window", "two anchors, from the saddle"):
-        assert set(runs.loc[runs["case"] == case, "method"]) == set(contest.METHODS)
+        assert set(runs.loc[runs["case"] == case, "method"]) == set(sampler_contest.METHODS)
     assert runs["mass_error"].between(0, 1).all()
-    assert list(multimodal_tables.summary_table(runs)["method"]) == list(contest.METHODS)
+    assert list(multimodal_tables.summary_table(runs)["method"]) == list(sampler_contest.METHODS)
     assert set(multimodal_tables.mass_errors(runs)) == {"landmark, few poses", "window"}
     narrow = runs.query("case == 'two anchors, from the mode' and method == 'c = 1'")
     assert (narrow["mass_error"] > 0.45).all()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L
 
-from sngr_utils import estimators, online_study
+from sngr_utils.experiments import estimators, online_variants
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.online import belief, data_association, estimator, localisation, slips, smoother
 from sngr_utils.online.landmarks import _locate, drop_landmarks
@@ -121,9 +121,9 @@ def test_wrong_labels_are_found_out(seed):
 
 
 def test_variants_change_what_their_name_says():
-    settings = online_study.variants(nets=False)
+    settings = online_variants.variants(nets=False)
     assert settings["no second look"] == estimator.Settings(sweep=False, restart=False, soft=False)
-    assert online_study.variants(nets=True)[online_study.NAME] == WHOLE
+    assert online_variants.variants(nets=True)[online_variants.NAME] == WHOLE
 
 
 def test_drop_only_swaps_nothing():
@@ -310,30 +310,30 @@ def test_two_ranges_that_fit_one_landmark_only_do_not_underflow():
 
 
 def test_study_has_every_variant_in_any_order():
-    settings = {online_study.NAME: WHOLE, "hard": estimator.Settings(soft=False)}
-    frame = online_study.run_variants(SHORT, C, settings, [0.2], [100, 101], 1)
-    assert list(frame["method"]) == [online_study.NAME, "hard"] * 2
-    alone = online_study.run_variants(SHORT, C, settings, [0.2], [101], 1)
+    settings = {online_variants.NAME: WHOLE, "hard": estimator.Settings(soft=False)}
+    frame = online_variants.run_variants(SHORT, C, settings, [0.2], [100, 101], 1)
+    assert list(frame["method"]) == [online_variants.NAME, "hard"] * 2
+    alone = online_variants.run_variants(SHORT, C, settings, [0.2], [101], 1)
     kept = [name for name in frame if name != "seconds"]
     ours = frame[frame["seed"] == 101].reset_index(drop=True)[kept]
     assert ours.equals(alone[kept])
 
 
 def test_slips_are_the_same_for_all():
-    frame = online_study.run_slips(SHORT, C, 0.3, 4, 0.7, [100], 1)
+    frame = online_variants.run_slips(SHORT, C, 0.3, 4, 0.7, [100], 1)
     sound = simulation.simulate(SHORT, 0.3, rng=np.random.default_rng(100))
-    drawn = variations.slip(sound, 4, 0.7, rng=np.random.default_rng([100, online_study.SLIPS]))
+    drawn = variations.slip(sound, 4, 0.7, rng=np.random.default_rng([100, online_variants.SLIPS]))
     oracle, _ = losses.estimate(drawn, C, "oracle", "grid")
     row = frame[frame["method"] == "oracle"].iloc[0]
     assert row.pose_rmse == rmse_and_nees.rmse(oracle[:, :2], drawn.poses[:, :2])
 
 
 def test_film_stops_where_it_is_told():
-    frames = online_study.film(make(0.3).first(15), C, [3, 12], 100)
+    frames = online_variants.film(make(0.3).first(15), C, [3, 12], 100)
     assert [len(frame.poses) for frame in frames] == [4, 13]
     assert all(np.isnan(frames[0].landmarks[k]).all() for k in frames[0].clouds)
     with pytest.raises(ValueError, match="at is"):
-        online_study.film(make(0.3), C, [0], 100)
+        online_variants.film(make(0.3), C, [0], 100)
 
 
 def test_bad_settings_are_refused():

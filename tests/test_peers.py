@@ -2,7 +2,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from sngr_utils import estimators, parameters, paths, peer_plots, peer_tables, peers, report, style
+from sngr_utils import parameters, paths, peer_plots, peer_tables, peers, report, style
+from sngr_utils.experiments import estimators
 
 
 @pytest.fixture(scope="module")

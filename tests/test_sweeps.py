@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from sngr_utils import sweeps
+from sngr_utils.experiments import isam2_over_worlds
 from sngr_utils.metrics import precision_recall, rmse_and_nees, summaries
 from sngr_utils.slam import conventions, marginals
 from sngr_utils.sngr import baseline, trigger
@@ -16,7 +16,7 @@ PRESETS = {name: conventions.PRESETS[name] for name in ("B", "C")}
 
 
 def small(seeds=(3, 1, 2), jobs=1):
-    return sweeps.run_sweep(SMALL, PRESETS, [0.0, 0.3], seeds, [3.5, 3.9], jobs)
+    return isam2_over_worlds.run_sweep(SMALL, PRESETS, [0.0, 0.3], seeds, [3.5, 3.9], jobs)
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +85,7 @@ def test_scores_hold_both_units(serial):
 def test_repeated_or_missing_entries_are_refused(name, changed):
     given = {"presets": PRESETS, "p_levels": [0.1], "seeds": [0], "taus": [4.0]} | changed
     with pytest.raises(ValueError, match=f"{name} is"):
-        sweeps.run_sweep(SMALL, **given)
+        isam2_over_worlds.run_sweep(SMALL, **given)
 
 
 def test_summary_closed_form_and_missing_values():
@@ -175,7 +175,9 @@ def test_paired_difference_uses_common_seeds_and_known_values():
 
 @pytest.fixture(scope="module")
 def variants():
-    return sweeps.nees_variants(scenario.Scenario(), conventions.PRESETS["C"], range(100, 130), 1)
+    return isam2_over_worlds.nees_variants(
+        scenario.Scenario(), conventions.PRESETS["C"], range(100, 130), 1
+    )
 
 
 def test_nees_of_a_true_mean_is_that_of_the_baseline(variants):

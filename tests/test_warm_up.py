@@ -3,7 +3,7 @@
 import numpy as np
 from helpers import signatures
 
-from sngr_utils import estimators, warm_up
+from sngr_utils.experiments import estimators, warm_up
 from sngr_utils.slam import conventions, selected_inverse
 from sngr_utils.sngr import baseline
 from sngr_utils.world import scenario

@@ -11,7 +11,7 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from sngr_utils.metrics import precision_recall, rmse_and_nees
+from sngr_utils.metrics import cluster_bootstrap, precision_recall, rmse_and_nees
 from sngr_utils.slam import isam2, marginals
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.sngr import trigger
@@ -176,3 +176,43 @@ def _nees_rows(
             covariances = marginals.position_covariances(solution, frame)
             rows.append((name, frame, seed, rmse_and_nees.nees(errors, covariances)))
     return rows
+
+
+def auc_rows(sweep: Sweep, *, rng: np.random.Generator) -> pd.DataFrame:
+    """Per preset and p, windows that may fire: pooled AUC, AUC within worlds, precision.
+
+    Returns
+    -------
+    one row per preset and p: pooled, within, low, high (95 % interval of `within`), worlds (with
+    both classes), average_precision, base_rate
+    """
+    rows = []
+    for (preset, p), found in sweep.scores.query("eligible").groupby(["preset", "p"], sort=False):
+        score, failed = found["score"].to_numpy(), found["failed"].to_numpy()
+        within, (low, high), n = cluster_bootstrap.within_auc(
+            score, failed, found["seed"].to_numpy(), rng=rng
+        )
+        rows.append({
+            "preset": preset, "p": p, "pooled": precision_recall.roc_auc(score, failed), "within": within,
+            "low": low, "high": high, "worlds": n,
+            "average_precision": precision_recall.average_precision(score, failed),
+            "base_rate": float(failed.mean()),
+        })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def curves(
+    sweep: Sweep, preset: str, levels: Sequence[float]
+) -> dict[str, tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray], float]]:
+    """ROC curve, precision-recall curve and base rate per p, where both classes are there."""
+    eligible = sweep.scores.query("eligible and preset == @preset")
+    found = {}
+    for p in levels:
+        rows = eligible[eligible["p"] == p]
+        score, failed = rows["score"].to_numpy(), rows["failed"].to_numpy()
+        if failed.any() and not failed.all():
+            roc = precision_recall.roc_curve(score, failed)
+            found[f"p = {p:g}"] = (
+                roc, precision_recall.precision_recall_curve(score, failed), float(failed.mean())
+            )  # fmt: skip
+    return found

@@ -7,8 +7,8 @@ import gtsam
 import joblib
 import numpy as np
 
-from sngr_utils import contest, estimators
 from sngr_utils.detection import mirror_image
+from sngr_utils.experiments import estimators, sampler_contest
 from sngr_utils.online import estimator
 from sngr_utils.sampling import engines
 from sngr_utils.sampling.settings import SamplerSettings
@@ -34,7 +34,7 @@ def compile_samplers() -> None:
     """Nested sampling of windows and of small posteriors, and what it samples."""
     for engine in ("dynesty-compiled", "nested"):
         _sample(engine)
-    contest.compile_all()
+    sampler_contest.compile_all()
 
 
 def compile_estimators() -> None:

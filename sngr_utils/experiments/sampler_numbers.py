@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from sngr_utils.experiments.window_posteriors import window_factors
 from sngr_utils.metrics import bimodality, effective_sample_size
 from sngr_utils.sampling import engines, laplace
 from sngr_utils.sampling.settings import SamplerSettings
@@ -13,7 +14,6 @@ from sngr_utils.sampling.targets import compiled
 from sngr_utils.slam.solution import Solution
 from sngr_utils.sngr import closure, corrected, noop_baseline, window_posterior, windows
 from sngr_utils.sngr.baseline import Baseline
-from sngr_utils.window_audit import window_factors
 
 
 def gaussian_factors(precision: np.ndarray) -> compiled.Factors:

@@ -31,7 +31,7 @@ def run_sweep(
 
     The paper's settings, but for 50 walks instead of 9, in the compiled nested sampler. The
     corrected variants are sampled by importance sampling (`corrected.sample_target`), with which
-    nested sampling agrees (`sampler_audit.evidence_check`). They start from the batch estimate
+    nested sampling agrees (`sampler_numbers.evidence_check`). They start from the batch estimate
     and refine the windows the paper's trigger fires on at iSAM2's, so rows of one world differ
     in the method alone.
 

@@ -278,3 +278,6 @@ def paired(runs: pd.DataFrame, a: str, b: str, start: str = REFERENCE_START) -> 
     return summaries.paired_difference(
         chosen.rename(columns={"method": "preset"}), "pose_rmse", a, b
     )
+
+
+BATCH = "em_exclusive"  # the same posterior over associations, not online

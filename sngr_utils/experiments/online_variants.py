@@ -8,7 +8,7 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from sngr_utils import estimators
+from sngr_utils.experiments import estimators
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.online import estimator, landmarks, localisation
 from sngr_utils.online.belief import Belief

@@ -1,0 +1,275 @@
+"""The engines side by side: the same windows, one run, one core, and what each gets wrong."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Annotated, TypeVar
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import L
+from pydantic import Field
+
+from sngr_utils.sampling import engines, importance, weighted_samples
+from sngr_utils.sampling.settings import FastSettings, SamplerSettings
+from sngr_utils.sampling.targets import compiled
+from sngr_utils.sampling.targets.likelihood import LocalLikelihood
+from sngr_utils.settings import Checked, Probability
+from sngr_utils.sngr import refine, trigger
+from sngr_utils.sngr.baseline import Baseline
+
+T = TypeVar("T")
+
+
+class BenchSettings(Checked):
+    """What the engines are compared on, and how often.
+
+    bench_p : wrong-association probability of the world
+
+    bench_windows : windows of it, spread evenly
+    bench_runs : runs of dynesty with a compiled walk, over all windows; the compiled samplers run
+        ten times as many, dynesty with GTSAM's factors or short walks a third, the loop over the
+        closure a ninth
+    reference_draws : importance samples behind each window's reference evidence and mean
+    lengths : numbers of poses at which the growth is measured
+    """
+
+    bench_p: Probability = 0.2
+    bench_windows: Annotated[int, Field(ge=1)] = 4
+    bench_runs: Annotated[int, Field(ge=2)] = 36
+    reference_draws: Annotated[int, Field(ge=1000)] = 100_000
+    lengths: Annotated[list[Annotated[int, Field(ge=3)]], Field(min_length=2)] = [
+        30, 100, 300, 1000, 3000, 10_000, 30_000,
+    ]  # fmt: skip
+
+
+class FactorLoop:
+    """A factor graph whose error is summed factor by factor in Python."""
+
+    def __init__(self, graph: gtsam.NonlinearFactorGraph):
+        self._factors = [graph.at(i) for i in range(graph.size())]
+
+    def size(self) -> int:
+        return len(self._factors)
+
+    def error(self, values: gtsam.Values) -> float:
+        return sum(factor.error(values) for factor in self._factors)
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One row of the bench.
+
+    Attributes
+    ----------
+    name : as the table shows it
+    settings : of its sampler
+    sample : (likelihood, covariance, settings, rng) -> NestedRun
+    repeats : runs for each run of dynesty
+    every : takes part in every so many turns
+    """
+
+    name: str
+    settings: SamplerSettings
+    sample: Callable[..., weighted_samples.NestedRun]
+    repeats: int = 1
+    every: int = 1
+
+
+@dataclass(frozen=True)
+class Performance:
+    """What the runs of one contender came to. R runs over the bench's windows.
+
+    Attributes
+    ----------
+    seconds : (R,) CPU time of each run
+    calls : (R,) likelihood calls
+    errors : (R,) log Z less the reference, [nats]
+    mean_errors : (R,) root mean square error of the mean, in posterior standard deviations
+    variance_ratios : (R,) geometric mean of the variances over the reference's
+    ess : (R,) effective samples
+    """
+
+    seconds: np.ndarray
+    calls: np.ndarray
+    errors: np.ndarray
+    mean_errors: np.ndarray
+    variance_ratios: np.ndarray
+    ess: np.ndarray
+
+
+# The sampler of the paper with GTSAM's factors one by one in a Python loop: all of the closure,
+# as the paper describes it, and those that touch the window. Ratios are to the second.
+CLOSURE_LOOP, WINDOW_LOOP = "dynesty, loop over the closure", "dynesty, loop over the window"
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A window's evidence with its standard error, [nats], and its mean and variances (d,)."""
+
+    log_evidence: float
+    error: float
+    mean: np.ndarray
+    variances: np.ndarray
+
+
+def contenders(base: Baseline, settings: SamplerSettings) -> list[Contender]:
+    """The paper's sampler written three ways, and the engines that replace it."""
+
+    def through(engine):
+        return lambda likelihood, covariance, chosen, rng: engines.sample_window(
+            likelihood, covariance, chosen, engine, rng=rng
+        )
+
+    def looped(likelihood, covariance, chosen, rng, factors=None):
+        loop = LocalLikelihood(
+            FactorLoop(factors or likelihood.factors), likelihood.estimate, likelihood.keys,
+            likelihood.factor,
+        )  # fmt: skip
+        run = engines.sample_window(loop, covariance, chosen, rng=rng)
+        at_map = np.zeros(likelihood.dimension)
+        constant = likelihood(at_map) - loop(at_map)  # of the factors that do not touch the window
+        return replace(run, log_evidence=run.log_evidence + constant)
+
+    def whole_closure(likelihood, covariance, chosen, rng):
+        return looped(likelihood, covariance, chosen, rng, base.solution.graph)
+
+    n, few = settings.n_live, settings.walks(9)
+    long = settings.model_copy(update={"min_walks": max(few, engines.ENOUGH_WALKS)})
+    many = long.min_walks
+    return [
+        Contender(CLOSURE_LOOP, settings, whole_closure, every=9),
+        Contender(WINDOW_LOOP, settings, looped, every=3),
+        Contender(f"dynesty {n}/{few}, one call to GTSAM", settings, through("dynesty"), every=3),
+        Contender(
+            f"dynesty {n}/{few}, compiled walk", settings, through("dynesty-compiled"), every=3
+        ),
+        Contender(f"dynesty {n}/{many}, compiled walk", long, through("dynesty-compiled")),
+        Contender(f"compiled nested {n}/{few}", settings, through("nested"), 10),
+        Contender(f"compiled nested {n}/{many}", long, through("nested"), 10),
+        Contender("fast path", settings, through("fast"), 10),
+    ]
+
+
+def timed(work: Callable[[], T]) -> tuple[T, float]:
+    """The result of `work()` and the CPU time it took, [s]; on one thread, with no waiting."""
+    start = time.process_time()
+    result = work()
+    return result, time.process_time() - start
+
+
+def spread_evenly(n: int, total: int) -> list[int]:
+    """n of `total` windows, spread evenly, of those that may trigger."""
+    return np.linspace(trigger.FIRST_ELIGIBLE, total - 1, n).round().astype(int).tolist()
+
+
+def reference(
+    likelihood: LocalLikelihood,
+    covariance: np.ndarray,
+    settings: SamplerSettings,
+    draws: int,
+    *,
+    rng: np.random.Generator,
+) -> Reference:
+    """Evidence and moments of a window by importance sampling with very many draws."""
+    factors = engines.flattened(likelihood)
+    cholesky = np.linalg.cholesky(settings.prior_scale * covariance)
+    fast = FastSettings(n_draws=draws)
+    run = importance.sample(factors, cholesky, fast, rng=rng)
+    weights = np.exp(run.log_weights)
+    mean = weights @ run.samples
+    variances = weights @ (run.samples - mean) ** 2
+    return Reference(run.log_evidence, run.log_evidence_error, mean, variances)
+
+
+def compare(
+    base: Baseline,
+    settings: SamplerSettings,
+    bench: BenchSettings,
+    *,
+    rng: np.random.Generator,
+) -> dict[str, Performance]:
+    """Run all contenders on the same windows, turn by turn, and measure each run."""
+    chosen = spread_evenly(bench.bench_windows, len(base.covariances))
+    likelihoods = [
+        refine.window_likelihood(base.solution, t, settings.likelihood_factor) for t in chosen
+    ]
+    references = [
+        reference(likelihood, base.covariances[t], settings, bench.reference_draws, rng=rng)
+        for t, likelihood in zip(chosen, likelihoods, strict=True)
+    ]
+    field = contenders(base, settings)
+    for contender in field[3:]:  # compile, or load what was compiled
+        contender.sample(likelihoods[0], base.covariances[chosen[0]], contender.settings, rng)
+    rows: dict[str, list] = {contender.name: [] for contender in field}
+    for run in range(bench.bench_runs):
+        w = run % len(chosen)
+        for contender in field:
+            for _ in range(contender.repeats if run % contender.every == 0 else 0):
+                rows[contender.name].append(
+                    _one_run(contender, likelihoods[w], base.covariances[chosen[w]],
+                             references[w], rng)
+                )  # fmt: skip
+    return {name: Performance(*np.array(runs).T) for name, runs in rows.items()}
+
+
+def _one_run(
+    contender: Contender,
+    likelihood: LocalLikelihood,
+    covariance: np.ndarray,
+    truth: Reference,
+    rng: np.random.Generator,
+) -> tuple[float, ...]:
+    """The numbers of `Performance` for one run, with a random stream of its own."""
+    (stream,) = rng.spawn(1)
+    run, seconds = timed(
+        lambda: contender.sample(likelihood, covariance, contender.settings, stream)
+    )
+    mean, spread = run.mean, np.diag(run.covariance)
+    return (
+        seconds,
+        run.calls,
+        run.log_evidence - truth.log_evidence,
+        np.sqrt(np.mean((mean - truth.mean) ** 2 / truth.variances)),
+        np.exp(np.mean(np.log(spread / truth.variances))),
+        run.ess_share * len(run.samples),
+    )
+
+
+def ratio(performances: dict[str, Performance], name: str) -> float:
+    """How many times faster than the loop over the window's factors."""
+    return float(performances[WINDOW_LOOP].seconds.mean() / performances[name].seconds.mean())
+
+
+def likelihood_seconds(base: Baseline, t: int, factor: float, calls: int) -> float:
+    """CPU time of one compiled likelihood of window t, in a batch of `calls`, [s]."""
+    likelihood = refine.window_likelihood(base.solution, t, factor)
+    factors = engines.flattened(likelihood)
+    xis = np.zeros((calls, likelihood.dimension))
+    compiled.log_likelihoods(factors, xis)
+    return min(timed(lambda: compiled.log_likelihoods(factors, xis))[1] for _ in range(5)) / calls
+
+
+def two_mode_runs(
+    n_starts: int, runs: int, *, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mass of the upper of two equal modes by importance sampling, and k-hat, each (runs,).
+
+    A landmark seen from two anchors 4 m apart at 3 m from both, as in notebook 01, likelihood
+    factor 1, prior N(., 50 I); started 0.5 m off the axis of symmetry, where the gradient is not
+    zero.
+    """
+    sigma = gtsam.noiseModel.Isotropic.Sigma(1, 0.2)
+    factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    values.insert(L(0), np.array([2.0, 0.5]))
+    for k, x in ((1, 0.0), (2, 4.0)):
+        values.insert(L(k), np.array([x, 0.0]))
+        factors.push_back(gtsam.RangeFactor2(L(k), L(0), 3.0, sigma))
+    flat = compiled.flatten(factors, values, [L(0)], 1.0)
+    settings = FastSettings(n_starts=n_starts)
+    masses, k_hats = np.empty(runs), np.empty(runs)
+    for i, stream in enumerate(rng.spawn(runs)):
+        run = importance.sample(flat, np.sqrt(50) * np.eye(2), settings, rng=stream)
+        masses[i] = np.exp(run.log_weights)[run.samples[:, 1] > -0.5].sum()
+        k_hats[i] = run.diagnostics.k_hat
+    return masses, k_hats
