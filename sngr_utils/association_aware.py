@@ -1,6 +1,5 @@
 """Driver of notebook 08: SNGR that asks where ranges come from, online."""
 
-import re
 from dataclasses import replace
 from typing import Annotated
 
@@ -8,13 +7,11 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import online_tables, report
 from sngr_utils.experiments import estimators, online_variants
 from sngr_utils.online import estimator, localisation
 from sngr_utils.sampling.targets import place
 from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.slam import conventions
-from sngr_utils.sngr import windows
 from sngr_utils.world import dead_reckoning, simulation
 from sngr_utils.world.scenario import ManyWorlds
 
@@ -158,45 +155,3 @@ def future_is_unknown(config: Config) -> bool:
         found = estimator.run(changed, conventions.PRESETS[READING], estimator.Settings(), rng=rng)
         pasts.append(found.filtered[: middle + 1])
     return bool(np.array_equal(*pasts))
-
-
-def record(
-    config: Config,
-    runs: pd.DataFrame,
-    ablation: pd.DataFrame,
-    slips: pd.DataFrame,
-    to: report.Report,
-) -> None:
-    """Hand on the numbers that the paper's text quotes."""
-    to.value("online.n_seeds", config.n_seeds, ".0f")
-    to.value("online.n_ablation", config.n_ablation, ".0f")
-    to.value("online.n_slip", config.n_slip, ".0f")
-    n_windows = windows.n_windows(config.n_poses)
-    ours = runs[runs["method"] == online_variants.NAME]
-    for p, rows in ours.groupby("p", sort=False):
-        here = f"online.p{p:g}"
-        for name, fmt in (("pose_rmse", ".3f"), ("ratio", ".3f"), ("nees", ".2f"),
-                          ("filtered_rmse", ".3f"), ("landmark questions", ".1f"),
-                          ("miscredited", ".1f")):  # fmt: skip
-            to.sample(f"{here}.{name.replace(' ', '_')}", rows[name].astype(float), fmt)
-        to.sample(f"{here}.graph", rows["graph_rmse"] / rows["oracle_rmse"], ".3f")
-        to.value(f"{here}.worst", rows["ratio"].max(), n=len(rows), within=0.2)
-        runs_of_nested = online_tables.sampled(rows)
-        to.sample(f"{here}.nested", runs_of_nested)
-        to.sample(f"{here}.windows", 100 * runs_of_nested / n_windows, ".1f", "%")
-    for (method, p), rows in runs[runs["method"] != online_variants.NAME].groupby(["method", "p"]):
-        to.sample(f"online.{method}.p{p:g}.ratio", rows["ratio"])
-        to.sample(f"online.{method}.p{p:g}.nees", rows["nees"])
-    to.value("online.worst", ours["ratio"].max(), n=len(ours), within=0.2)
-    batch = runs[runs["method"] == estimators.BATCH]
-    to.value("online.batch.largest_mean", batch.groupby("p")["ratio"].mean().max(), ".3f",
-             within=0.05)  # fmt: skip
-    for (name, p, nets), rows in ablation.groupby(["method", "p", "nets"]):
-        key = f"online.{'nets' if nets else 'bare'}.{re.sub('[ ,.]+', '_', name)}.p{p:g}"
-        to.sample(key, rows["ratio"])
-        to.value(f"{key}.worst", rows["ratio"].max(), n=len(rows), within=0.3)
-    for method, rows in slips.groupby("method"):
-        lost = (rows["ratio"] > online_tables.LOST).sum()
-        to.value(f"online.slip.{method}.lost", lost, ".0f", n=len(rows), within=2)
-        to.sample(f"online.slip.{method}.ratio", rows["ratio"])
-        to.sample(f"online.slip.{method}.rmse", rows["pose_rmse"], unit="m")

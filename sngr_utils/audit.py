@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import report
 from sngr_utils.experiments import (
     estimators,
     isam2_over_worlds,
@@ -17,7 +16,6 @@ from sngr_utils.experiments import (
     sngr_over_worlds,
     window_posteriors,
 )
-from sngr_utils.metrics import standard_error, summaries
 from sngr_utils.sampling import settings, weighted_samples
 from sngr_utils.settings import Positive, Probability
 from sngr_utils.slam import levenberg_marquardt
@@ -232,71 +230,3 @@ def bimodality_readings(runs: Sequence[weighted_samples.NestedRun]) -> pd.DataFr
     return pd.DataFrame([
         sampler_numbers.bimodality_readings(run.samples[:, 1], run.weights) for run in runs
     ])
-
-
-def record(
-    config: Config,
-    sweep: isam2_over_worlds.Sweep,
-    refined: pd.DataFrame,
-    gaussian_ess: pd.DataFrame,
-    to: report.Report,
-) -> None:
-    """Hand on one number per world for every claim (``paper/claims.yaml``)."""
-    to.value("audit.n_seeds", config.n_seeds, ".0f")
-    for (preset, p), rows in sweep.runs.groupby(["preset", "p"], sort=False):
-        here = f"audit.{preset}.p{p:g}"
-        for name in ("pose_rmse", "nees", "failed", "base_rate"):
-            to.sample(f"{here}.{name}", rows[name].astype(float))
-    for (preset, p, tau), rows in sweep.detections.groupby(["preset", "p", "tau"], sort=False):
-        here = f"audit.{preset}.p{p:g}.tau{tau:g}"
-        for name in ("triggered", "precision", "recall", "tp", "fp", "fn"):
-            to.sample(f"{here}.{name}", rows[name].astype(float))
-        to.sample(f"{here}.precision_over_base", summaries.precision_over_base(rows, sweep.runs))
-    medians = sweep.scores.groupby(["preset", "p", "seed"], sort=False)["score"].median()
-    for (preset, p), values in medians.groupby(level=["preset", "p"], sort=False):
-        to.sample(f"audit.{preset}.p{p:g}.median_score", values)
-    kept = ("sngr_pose_rmse", "sngr_landmark_rmse", "sngr_nees", "saving", "gain_min", "gain_max",
-            "gain_peak_window", "ess_share")  # fmt: skip
-    for (preset, p), rows in refined.groupby(["preset", "p"], sort=False):
-        for name in kept:
-            to.sample(f"audit.{preset}.p{p:g}.{name}", rows[name].astype(float))
-        if p == NOOP_P:
-            to.sample(f"audit.{preset}.noop", rows["noop"].astype(float))
-    for preset, rows in gaussian_ess.groupby("preset", sort=False):
-        key = f"audit.{preset}.p{config.p_windows:g}.gaussian_ess_share"
-        to.sample(key, rows["ess_share"])
-
-
-def record_findings(
-    studies: WindowStudies, nees: pd.DataFrame, robust_runs: pd.DataFrame, to: report.Report
-) -> None:
-    """Hand on the numbers that the paper's text quotes; errors are those over worlds."""
-
-    def sample(key, values, fmt=".2f", unit=""):
-        values = np.asarray(values, dtype=float)
-        error = standard_error.standard_error(values)
-        to.value(key, float(values.mean()), fmt, unit, error, len(values))
-
-    for reading, rows in studies.widths.groupby("reading"):
-        by_world = rows.groupby("seed")
-        sample(f"widths.{reading}.conditional", by_world["over_conditional"].mean(), ".3f")
-        sample(f"widths.{reading}.marginal", by_world["over_marginal"].mean(), ".3f")
-    largest = studies.ratios["largest_direction"]
-    to.value("widths.largest_direction", largest.max(), ".0f", n=len(largest))
-    for separators, rows in studies.gaussianity.groupby("separators"):
-        near = rows["difference"].abs() <= 3 * rows["error"]
-        to.value(f"gaussian.{separators}.windows", len(rows), ".0f")
-        to.value(f"gaussian.{separators}.near", near.sum(), ".0f", within=6)
-        to.value(f"gaussian.{separators}.largest", rows["difference"].abs().max(), ".3f", "nats",
-                 n=len(rows), within=0.05)  # fmt: skip
-    for separators, rows in studies.evidence.groupby("separators"):
-        sample(f"evidence.{separators}.bias", rows["difference"], ".2f", "nats")
-        to.value(f"evidence.{separators}.largest", rows["in_errors"].abs().max(), ".1f",
-                 n=len(rows), within=1.5)  # fmt: skip
-    shares = studies.ess.groupby(["kind", "scale", "seed"])["ess_share"].mean()
-    for (kind, scale), values in shares.groupby(level=["kind", "scale"]):
-        sample(f"ess.{kind}.c{scale:g}", 100 * values, ".1f", "%")
-    for (preset, mean), rows in nees.query("frame == 'world'").groupby(["preset", "x0_mean"]):
-        sample(f"nees.{preset}.{mean}", rows["nees"])
-    for (method, start, p), rows in robust_runs.groupby(["method", "start", "p"]):
-        sample(f"robust.{method}.{start}.p{p:g}", rows["pose_rmse"], unit="m")

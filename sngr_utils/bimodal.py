@@ -5,13 +5,11 @@ from typing import Annotated
 
 import gtsam
 import numpy as np
-import pandas as pd
 from dynesty.results import Results
 from dynesty.utils import resample_run
 from gtsam.symbol_shorthand import A, L
 from pydantic import Field, model_validator
 
-from sngr_utils import report
 from sngr_utils.metrics import bimodality, standard_error
 from sngr_utils.sampling import dynesty_nested, prior_transform, settings, weighted_samples
 from sngr_utils.sampling.targets.likelihood import LocalLikelihood
@@ -228,65 +226,6 @@ def resampled_mass_error(
     return float(np.std(masses, ddof=1))
 
 
-def hessian_table(config: Config) -> pd.DataFrame:
-    """Eigenvalues of both Hessians at the saddle and at a mode, [1/m^2]."""
-    rows = []
-    for name, at in (("saddle", config.saddle), ("mode", config.modes[0])):
-        for kind, hessian in (
-            ("Gauss-Newton", gauss_newton_hessian(config, at)),
-            ("full", full_hessian(config, at)),
-        ):
-            low, high = np.linalg.eigvalsh(hessian)
-            shown = [report.text(low), report.text(high)]
-            rows.append([name, kind, *shown, report.text(np.log10(high / low)) if low > 0 else "–"])
-    return pd.DataFrame(rows, columns=["at", "Hessian", "smallest", "largest", "log10 cond."])
-
-
-def profile(config: Config, y: np.ndarray, factor: float) -> np.ndarray:
-    """(N,) log-likelihood of the ranges alone on the line through both modes, [nats].
-
-    Parameters
-    ----------
-    y : (N,) heights above the anchors' line, [m]
-    factor : factor on GTSAM's error(), see `settings.SamplerSettings`
-    """
-    distance = np.hypot(config.anchor_distance / 2, y)
-    error = (distance - config.measured_range) ** 2 / (2 * config.range_sigma**2)
-    return -factor * 2 * error
-
-
-def comparison_table(result: Result) -> pd.DataFrame:
-    """tab:bimodal, printed value beside ours."""
-    printed, t = report.printed_values()["bimodal"], report.text
-
-    def point(p):
-        return f"({t(p[0], '.3f')}, {t(p[1], '.3f')})"
-
-    def row(name, key, ours, fmt=".2f"):
-        return [name, t(printed[key], fmt), t(ours, fmt)]
-
-    return pd.DataFrame(
-        [
-            ["iSAM2 estimate [m]", point(printed["map"]), point(result.map)],
-            ["best nested sample [m]", point(printed["ns_best"]), point(result.best)],
-            row("log-likelihood, iSAM2", "loglik_map", result.loglik_map),
-            row("log-likelihood, best sample", "loglik_ns", result.loglik_best),
-            row("gain Δ log p", "delta_logp", result.delta_logp),
-            row("distance to a mode, iSAM2 [m]", "error_from_mode_map",
-                result.mode_distance(result.map), ".3f"),
-            row("distance to a mode, best [m]", "error_from_mode_ns",
-                result.mode_distance(result.best), ".3f"),
-            row("weighted σ of y [m]", "weighted_sigma_y", result.sigma_y),
-            row("bimodality coefficient", "bimodality_coefficient", result.bimodality),
-            ["mass of the upper mode", report.NONE,
-             f"{t(result.upper_mass)} ± {t(result.upper_mass_error)}"],
-            [f"same, mean of {len(result.upper_masses)} runs", report.NONE,
-             f"{t(result.upper_masses.mean())} ± {t(standard_error.standard_error(result.upper_masses))}"],
-        ],
-        columns=["quantity", "printed", "ours"],
-    )  # fmt: skip
-
-
 def repeated(result: Result) -> dict[str, tuple[list[float], str]]:
     """What a run reports, for each of the repeated runs: name -> ((n_repeats,) values, unit)."""
     bests = [result.map + run.best for run in result.runs]
@@ -305,30 +244,6 @@ def repeated(result: Result) -> dict[str, tuple[list[float], str]]:
         ),
         "upper_masses": (list(map(float, result.upper_masses)), ""),
     }  # fmt: skip
-
-
-def record(result: Result, to: report.Report) -> None:
-    """Hand the experiment's values to the paper."""
-    for name, factor in (("as_printed", 0.5), ("correct", 1.0)):
-        saddle = profile(result.config, np.array(0.0), factor)
-        to.value(f"bimodal.loglik_saddle_{name}", saddle, unit="nats")
-    to.value("bimodal.delta_logp", result.delta_logp, unit="nats")
-    to.value("bimodal.sigma_y", result.sigma_y, unit="m", n=len(result.samples))
-    masses = result.upper_masses
-    to.value("bimodal.upper_mass", result.upper_mass, error=result.upper_mass_error)
-    to.value("bimodal.resampled_error", result.resampled_error)
-    to.value("bimodal.mass_spread", result.upper_mass_error, n=len(masses))
-    mean_error = standard_error.standard_error(masses)
-    to.value("bimodal.mean_mass", masses.mean(), error=mean_error, n=len(masses))
-    to.value("bimodal.bimodality", result.bimodality, n=len(result.samples))
-    printed_best = np.array(report.printed_values()["bimodal"]["ns_best"])
-    to.value("bimodal.printed_distance", result.mode_distance(printed_best), ".4f", "m")
-    for name, value in (("map_x", result.map[0]), ("map_y", result.map[1]),
-                        ("map_distance", result.mode_distance(result.map))):  # fmt: skip
-        to.value(f"bimodal.{name}", value, ".3f", "m")
-    for name, (values, unit) in repeated(result).items():
-        to.sample(f"bimodal.{name}", values, ".3f", unit)
-    to.value("bimodal.calls", result.run.calls, ".0f", within=0.05 * result.run.calls)
 
 
 def mode_width(result: Result) -> float:

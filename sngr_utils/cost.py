@@ -4,14 +4,11 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import bench, parameters, report
 from sngr_utils.experiments import engine_bench, growth
-from sngr_utils.metrics import standard_error
-from sngr_utils.sampling import engines, importance, weighted_samples
-from sngr_utils.sampling.settings import FastSettings, SamplerSettings
+from sngr_utils.sampling import engines, weighted_samples
+from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.targets.likelihood import LocalLikelihood
 from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.slam import selected_inverse
@@ -134,31 +131,6 @@ def likelihood_seconds(config: Config) -> float:
     )
 
 
-def print_bench(config: Config) -> None:
-    """What ``make bench`` prints: speed and accuracy of the engines, growth of the marginals."""
-    performances = compare_engines(config)
-    print(bench.speed_table(performances, likelihood_seconds(config)).to_string(index=False))
-    print()
-    print(bench.accuracy_table(performances).to_string(index=False))
-    print()
-    print(bench.growth_table(grow(config)).to_string(index=False))
-
-
-def two_mode_table(*, rng: np.random.Generator, runs: int = 40) -> pd.DataFrame:
-    """The fast path on the two-mode landmark of notebook 01, from one start and from many."""
-    rows = []
-    for n_starts in (1, FastSettings().n_starts):
-        masses, k_hats = engine_bench.two_mode_runs(n_starts, runs, rng=rng)
-        right = np.abs(masses - 0.5) < 0.1
-        content = k_hats <= importance.MAX_K_HAT
-        rows.append([
-            str(n_starts), f"{right.sum()} of {runs}", f"{(content & ~right).sum()} of {runs}",
-            report.mean_std(masses),
-        ])  # fmt: skip
-    columns = ["starts", "right", "wrong, k-hat content", "mass of the upper mode"]
-    return pd.DataFrame(rows, columns=columns)
-
-
 def grow(config: Config) -> growth.Growth:
     """CPU time against the number of poses (`growth.growth`)."""
     conventions = preset_conventions(config.preset, config.conventions)
@@ -234,24 +206,6 @@ def closure_cost(config: Config, cost: Cost, t: int, *, rng: np.random.Generator
     )  # fmt: skip
 
 
-def saving_series(costs: dict[float, Cost]) -> dict[str, tuple[list[int], list[float]]]:
-    """Windows that fire and the saving, ours in calls and as printed, where anything fires."""
-    ours = [(int(cost.fired.sum()), cost.saving_calls) for cost in costs.values()]
-    printed = [report.printed_values()["cost"].get(p, {}) for p in costs]
-    was = [(row["triggered"], row["saving"]) for row in printed if row.get("saving")]
-    return {
-        name: ([n for n, _ in pairs], [saving for _, saving in pairs])
-        for name, pairs in (("ours", ours), ("printed", was))
-    }
-
-
-def per_window(costs: dict[float, Cost]) -> tuple[float, float]:
-    """Likelihood calls and CPU time of a window, [s], mean over all windows of all levels."""
-    n = sum(len(cost.calls) for cost in costs.values())
-    calls = sum(cost.exhaustive(cost.calls) for cost in costs.values()) / n
-    return calls, sum(cost.exhaustive(cost.seconds) for cost in costs.values()) / n
-
-
 def middle_window(costs: dict[float, Cost]) -> int:
     """First pose of the window in the middle of the trajectory."""
     return len(next(iter(costs.values())).calls) // 2
@@ -263,121 +217,3 @@ def single_window(config: Config, t: int) -> weighted_samples.NestedRun:
     base = run_baseline(config.part(Scenario), conventions, config.p_levels[0], config.seed)
     rng = np.random.default_rng([config.seed, 1]).spawn(len(base.covariances))[t]
     return _sample(config, base, t, rng)
-
-
-def cost_table(costs: dict[float, Cost]) -> pd.DataFrame:
-    """tab:cost, printed beside ours: wall clocks (ours from one run on one machine) and savings."""
-    printed, t, rows = report.printed_values()["cost"], report.text, []
-    for p, cost in costs.items():
-        was = printed.get(p, {})
-        rows.append([
-            f"{p:g}", t(was.get("triggered"), "d"), str(int(cost.fired.sum())),
-            t(was.get("isam2")), t(cost.isam2_seconds, ".3f"),
-            t(was.get("refine"), "d"), t(cost.seconds[cost.fired].sum(), ".1f"),
-            t(was.get("exhaustive"), "d"), t(cost.exhaustive(cost.seconds), ".1f"),
-            t(was.get("saving"), ".1f"), t(cost.saving_seconds, ".1f"), t(cost.saving_calls, ".1f"),
-        ])  # fmt: skip
-    groups = ["triggered", "iSAM2 [s]", "refine [s]", "exhaustive [s]"]
-    heads = [("", "p")] + [(name, who) for name in groups for who in ("printed", "ours")]
-    heads += [("saving", who) for who in ("printed", "ours", "in calls")]
-    return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples(heads))
-
-
-def closure_table(costs: dict[float, Cost], closure: ClosureCost) -> pd.DataFrame:
-    """Time per likelihood call, and per window if all its calls cost that much."""
-    calls, seconds = per_window(costs)
-    t = report.text
-    rows = [
-        [name, str(n), t(1e6 * each, ".0f"), t(each / closure.seconds_window, ".1f"),
-         t(calls * each), t(100 * calls * each / seconds, ".0f")]
-        for name, n, each in (
-            ("closure, one by one", closure.all_factors, closure.seconds_loop),
-            ("closure, one call", closure.all_factors, closure.seconds_all),
-            ("touching factors, one call", closure.window_factors, closure.seconds_window),
-        )
-    ]  # fmt: skip
-    columns = ["likelihood", "factors", "µs per call", "ratio", "s per window", "% of ours"]
-    return pd.DataFrame(rows, columns=columns)
-
-
-def calls_table(costs: dict[float, Cost]) -> pd.DataFrame:
-    """Likelihood calls, which are the same on every machine."""
-    rows = [
-        [
-            f"{p:g}",
-            str(int(cost.fired.sum())),
-            report.text(cost.exhaustive(cost.calls) / len(cost.calls), ".0f"),
-            report.text(float(cost.calls[cost.fired].sum()), ".0f"),
-            report.text(cost.exhaustive(cost.calls), ".0f"),
-            report.text(cost.saving_calls, ".1f"),
-        ]
-        for p, cost in costs.items()
-    ]
-    columns = ["p", "triggered", "calls per window", "selective", "exhaustive", "saving"]
-    return pd.DataFrame(rows, columns=columns)
-
-
-def record(
-    config: Config, costs: dict[float, Cost], closure: ClosureCost, to: report.Report
-) -> None:
-    """Hand the costs to the paper, times apart from the rest."""
-    to.value("cost.seed", config.seed, ".0f")
-    to.value("cost.tau", config.tau)
-    first = min(costs)
-    to.value("cost.p_first", first, "g")
-    to.value("cost.saving_calls", costs[first].saving_calls, ".1f")
-    calls, seconds = per_window(costs)
-    n = sum(int(np.isfinite(cost.calls).sum()) for cost in costs.values())
-    to.value("cost.calls_per_window", calls, ".0f", n=n, within=50)
-    to.value("closure.all_factors", closure.all_factors, ".0f")
-    to.value("closure.window_factors", closure.window_factors, ".0f")
-    isam2 = np.mean([cost.isam2_seconds for cost in costs.values()])
-    in_likelihood = calls * closure.seconds_window / seconds
-    for key, value, fmt in (
-        ("cost.window_over_isam2", seconds / isam2, ".0f"),
-        ("cost.likelihood_share", 100 * in_likelihood, ".0f"),
-        ("closure.loop_over_window", closure.seconds_loop / closure.seconds_window, ".0f"),
-        ("closure.all_over_window", closure.seconds_all / closure.seconds_window, ".1f"),
-    ):
-        to.value(key, value, fmt, timing=True)
-    to.value("cost.isam2_seconds", isam2, ".3f", "s", timing=True)
-
-
-def record_engines(
-    performances: dict[str, engine_bench.Performance],
-    grown: growth.Growth,
-    fast: tuple[float, float],
-    to: report.Report,
-) -> None:
-    """Hand the comparison of the engines to the paper; `fast` is that of `exhaustive_fast`."""
-    keys = dict(zip(performances, (
-        "closure_loop", "window_loop", "one_call", "compiled_walk_few", "compiled_walk",
-        "nested_few", "nested", "fast",
-    ), strict=True))  # fmt: skip
-    for name, key in keys.items():
-        p, faster = performances[name], engine_bench.ratio(performances, name)
-        to.value(f"engine.{key}.ratio", faster, ".1f" if faster < 10 else ".0f", timing=True)
-        error = standard_error.standard_error(p.errors)
-        to.value(f"engine.{key}.bias", p.errors.mean(), ".3f", "nats", error, len(p.errors))
-    rms = float(np.sqrt(np.mean(performances["fast path"].errors ** 2)))
-    to.value("engine.fast.rms", rms, ".3f", "nats", n=len(performances["fast path"].errors),
-             within=0.005)  # fmt: skip
-    to.value("engine.fast_all_over_isam2", fast[0] / fast[1], ".1f", timing=True)
-    inverse, together, anew = (
-        grown.seconds[f"marginals, {how}"]
-        for how in ("selected inverse", "GTSAM", "GTSAM, asked anew for each window")
-    )
-    known = np.isfinite(together)
-    to.value("growth.shortest", grown.lengths[0], ".0f")
-    to.value("growth.longest_compared", grown.lengths[known][-1], ".0f")
-    to.value("growth.longest", grown.lengths[-1], ".0f")
-    for name, other in (("together", together), ("anew", anew)):
-        to.value(f"growth.{name}.first", other[0] / inverse[0], ".0f", timing=True)
-        last = (other / inverse)[known][-1]
-        order = 10.0 ** np.floor(np.log10(last)) if last > 1000 else last  # three windows' worth
-        to.value(f"growth.{name}.last", order, ".0f", timing=True)
-    to.value("growth.slope", grown.slope("marginals, selected inverse"), timing=True)
-
-
-if __name__ == "__main__":
-    print_bench(Config(**parameters.read_params("04_cost")))

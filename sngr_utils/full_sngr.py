@@ -5,11 +5,9 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import report
-from sngr_utils.metrics import rmse_and_nees, standard_error
+from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.sampling.settings import EngineChoice, SamplerSettings
 from sngr_utils.sampling.targets.likelihood import LocalLikelihood
 from sngr_utils.settings import Positive, Probability, Seed
@@ -229,114 +227,3 @@ def spread_ratios(level: Refinement, window: refine.RefinedWindow) -> tuple[floa
         return float(np.exp(0.5 * np.mean(np.log(variances))))
 
     return ratio(marginal), ratio(conditional)
-
-
-def rmse_series(levels: dict[float, Refinement]) -> dict[str, list[float]]:
-    """Pose RMSE [m] per level and method, with the printed values where the paper has them."""
-    printed = report.printed_values()["sngr"]
-    return {
-        "dead reckoning": [level.odometry_rmse for level in levels.values()],
-        "iSAM2": [level.baseline.pose_rmse for level in levels.values()],
-        "SNGR": [level.pose_rmse for level in levels.values()],
-        "SNGR as printed": [printed.get(p, {}).get("pose_rmse", np.nan) for p in levels],
-    }
-
-
-def per_window(
-    presets: dict[str, Refinement], what: str
-) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Preset -> (windows, their "delta_logp" [nats] or "ess_share")."""
-    chosen = {}
-    for name, level in presets.items():
-        values = level.gains if what == "delta_logp" else level.ess_shares
-        chosen[name] = (np.array([window.t for window in level.windows]), values)
-    return chosen
-
-
-def sngr_table(config: Config, levels: dict[float, Refinement]) -> pd.DataFrame:
-    """tab:sngr, printed beside ours, with the RMSE of iSAM2 before refinement."""
-    printed, t, rows = report.printed_values()["sngr"], report.text, []
-    for p, level in levels.items():
-        was, base = printed.get(p, {}), level.baseline
-        found = base.detection(config.tau)
-        rows.append([
-            f"{p:g}", t(base.pose_rmse), t(was.get("pose_rmse")), t(level.pose_rmse),
-            t(was.get("landmark_rmse")), t(base.landmark_rmse),
-            t(was.get("nees"), ".1f"), t(level.nees, ".1f"),
-            t(was.get("triggered"), "d"), str(found.triggered), str(level.accepted),
-            t(was.get("precision")), t(found.precision), t(was.get("recall")), t(found.recall),
-        ])  # fmt: skip
-    both = ("printed", "ours")
-    heads = [
-        ("", "p"), ("iSAM2 RMSE", "ours"),
-        *[(name, who) for name in ("SNGR RMSE", "landmark RMSE", "NEES", "triggered")
-          for who in both],
-        ("accepted", "ours"),
-        *[(name, who) for name in ("precision", "recall") for who in both],
-    ]  # fmt: skip
-    return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples(heads))
-
-
-def gain_table(levels: dict[float, Refinement]) -> pd.DataFrame:
-    """Gain of the refined windows, what the gate made of them, what the trajectory gained."""
-    rows = [[f"{p:g}", *_gain_cells(level, ".3f")] for p, level in levels.items()]
-    return pd.DataFrame(rows, columns=["p", *GAIN_COLUMNS])
-
-
-def preset_table(presets: dict[str, Refinement]) -> pd.DataFrame:
-    """The same under each preset, after what the paper prints for its own conventions.
-
-    One decimal: iSAM2's lazy relinearisation (A, C) turns rounding, which differs between
-    processors, into differences of hundredths of a nat.
-    """
-    low, high = report.printed_values()["diagnostics_p0.2"]["delta_logp_range"]
-    refined = report.printed_values()["sngr"][0.2]["triggered"]
-    gains = [report.text(low, ".1f"), report.NONE, report.text(high, ".1f")]
-    rows = [["printed", str(refined), report.NONE, *gains, report.NONE, report.NONE]]
-    for preset, level in presets.items():
-        rows.append([preset, *_gain_cells(level, ".1f"), report.text(level.baseline.pose_rmse)])
-    return pd.DataFrame(rows, columns=["preset", *GAIN_COLUMNS, "iSAM2 RMSE [m]"])
-
-
-GAIN_COLUMNS = ["refined", "accepted", "least Δ log p", "median", "largest", "RMSE change [mm]"]
-
-
-def _gain_cells(level: Refinement, fmt: str) -> list[str]:
-    gains = level.gains
-    spread = [report.NONE] * 3
-    if len(gains):
-        spread = [report.text(v, fmt) for v in (gains.min(), np.median(gains), gains.max())]
-    return [str(len(gains)), str(level.accepted), *spread, report.text(level.rmse_change, "+.0f")]
-
-
-def record(
-    config: Config,
-    levels: dict[float, Refinement],
-    presets: dict[str, Refinement],
-    to: report.Report,
-) -> None:
-    """Hand the pipeline's values to the paper."""
-    to.value("sngr.seed", config.seed, ".0f")
-    to.value("sngr.tau", config.tau)
-    to.value("sngr.p_diagnosed", config.p_diagnosed, "g")
-    window = example_window(config, levels[config.p_diagnosed])
-    to.value("sngr.mean_cost", mean_cost(window), ".3f", unit="nats")
-    for preset, level in presets.items():
-        to.value(f"sngr.refined.{preset}", len(level.windows), ".0f")
-        to.value(f"sngr.gain_median.{preset}", level.median_gain, ".1f", "nats", within=0.1)
-        to.value(f"sngr.gain_max.{preset}", level.largest_gain, ".1f", "nats", within=0.1)
-        to.value(f"sngr.rmse_change.{preset}", level.rmse_change, "+.0f", "mm", within=1)
-        # the gate is finer than the noise of what it judges: single windows may go either way
-        to.value(f"sngr.accepted.{preset}", level.accepted, ".0f", within=2)
-        to.value(f"sngr.isam2_rmse.{preset}", level.baseline.pose_rmse, unit="m")
-    most = max(levels)
-    to.value("sngr.p_most", most, "g")
-    to.value("sngr.rmse", levels[most].pose_rmse, unit="m")
-    to.value("sngr.isam2_rmse", levels[most].baseline.pose_rmse, unit="m")
-    to.value("sngr.odometry_rmse", levels[most].odometry_rmse, unit="m")
-    ess = np.concatenate([level.ess_shares for level in levels.values()])
-    to.value("sngr.ess_median", np.median(ess) if len(ess) else np.nan, n=len(ess))
-    weights = noop_mean_log_weights(config, levels[config.p_noop])
-    mean = weights.mean() if len(weights) else np.nan
-    error = standard_error.standard_error(weights) if len(weights) > 1 else None
-    to.value("noop.mean_log_weight", mean, ".0f", "nats", error, n=len(weights))

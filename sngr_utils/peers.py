@@ -9,7 +9,6 @@ import pandas as pd
 from pydantic import Field, model_validator
 from scipy import stats
 
-from sngr_utils import peer_tables, report
 from sngr_utils.experiments import estimators
 from sngr_utils.robust import (
     association,
@@ -171,16 +170,3 @@ def ambiguous(config: Config) -> Ambiguous:
         found.poses[the_world.pose_of[m], :2], found.landmarks, float(the_world.ranges[m]),
         int(the_world.label_of[m]), int(the_world.source_of[m]), beliefs,
     )  # fmt: skip
-
-
-def record(config: Config, runs: pd.DataFrame, to: report.Report) -> None:
-    """Hand on one number per world, and the shares and tests that the paper's text quotes."""
-    to.value("peers.n_seeds", config.n_seeds, ".0f")
-    for (method, start, p), rows in runs.groupby(["method", "start", "p"], sort=False):
-        here = f"peers.{method}.{start}.p{p:g}"
-        to.sample(f"{here}.rmse", rows["pose_rmse"], unit="m")
-        to.sample(f"{here}.ratio", rows["ratio"])
-        to.sample(f"{here}.nees", rows["nees"])
-        to.value(f"{here}.worst", rows["ratio"].max(), n=len(rows), within=0.5)
-        lost = 100 * (rows["ratio"] > peer_tables.LOST).mean()
-        to.value(f"{here}.lost", lost, ".0f", "%", n=len(rows), within=200 / len(rows))

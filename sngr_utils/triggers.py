@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from sngr_utils import report
 from sngr_utils.detection import scores, thresholds
 from sngr_utils.experiments import detector_scores, detector_summary
 from sngr_utils.experiments.detector_scores import Case
@@ -194,41 +193,3 @@ def shifted(study: Study, *, rng: np.random.Generator) -> tuple[pd.DataFrame, pd
         detector_summary.ranking(rows, names, "failed", rng=rng),
         detector_summary.decisions(rows, AT_LIMIT, "failed", rng=rng),
     )
-
-
-def record(
-    failed: pd.DataFrame, contaminated: pd.DataFrame, decided: pd.DataFrame,
-    clean: pd.DataFrame, to: report.Report,
-) -> None:  # fmt: skip
-    """Hand on what the paper's text quotes. Standard errors are those of the intervals."""
-
-    def value(key, row, column, fmt):
-        error = (row[f"{column}_high"] - row[f"{column}_low"]) / (2 * 1.96)
-        to.value(key, row[column], fmt, "", error, int(row["worlds"]))
-
-    for name, table in (("failed", failed), ("contaminated", contaminated)):
-        for _, row in table.iterrows():
-            here = f"{row['detector']}.{slug(row['case'])}"
-            value(f"triggers.auc.{name}.{here}", row, "auc", ".2f")
-    for case, rows in failed.groupby("case", sort=False):
-        to.value(f"triggers.base_rate.{slug(case)}", rows["base_rate"].iloc[0], ".2f", within=0.02)
-    for _, row in decided.iterrows():
-        value(f"triggers.mcc.{row['detector']}.{slug(row['case'])}", row, "mcc", ".2f")
-    percent = clean.assign(**{c: 100 * clean[c] for c in ("fired", "fired_low", "fired_high")})
-    for _, row in percent.iterrows():
-        key = f"triggers.level.{row['detector']}.{slug(row['scenario'])}"
-        value(key, row, "fired", ".1f")
-    for scenario, rows in clean.groupby("scenario", sort=False):
-        failed_here, n = 100 * rows["base_rate"].iloc[0], int(rows["worlds"].iloc[0])
-        to.value(f"triggers.level.failed.{slug(scenario)}", failed_here, ".0f", n=n, within=5)
-    lawful = percent.loc[percent["detector"] == "chi_square_robust", "fired"]
-    to.value("triggers.level.lowest", lawful.min(), ".1f", within=1)
-    to.value("triggers.level.highest", lawful.max(), ".1f", within=1)
-    limit = 100 * clean.loc[clean["detector"] == "at_limit", "false_alarms"]
-    to.value("triggers.level.at_limit.highest", limit.max(), ".1f", within=1)
-    to.value("triggers.level.scenarios", len(lawful), ".0f")
-
-
-def slug(name: str) -> str:
-    """ "burst, p = 0.3" -> "burst_p0.3": a case or scenario as part of a key."""
-    return name.replace(",", "").replace(" = ", "").replace(" ", "_")

@@ -3,8 +3,9 @@ import pandas as pd
 import pytest
 from ruamel.yaml import YAML
 
-from sngr_utils import audit, audit_tables, claims, parameters, paths, report
+from sngr_utils import audit, claims, parameters, paths, report
 from sngr_utils.experiments import isam2_over_worlds, sampler_numbers
+from sngr_utils.show import audit as show
 from sngr_utils.slam import conventions
 from sngr_utils.sngr import noop_baseline
 
@@ -30,7 +31,7 @@ def test_every_claim_gets_its_numbers(tmp_path):
     config = audit.Config(n_seeds=2, n_poses=8, jobs=1)
     to = report.Report("05_audit", tmp_path)
     gaussian = audit.run_gaussian_ess(config)
-    audit.record(config, audit.run_sweep(config), audit.run_refined(config), gaussian, to)
+    show.record(config, audit.run_sweep(config), audit.run_refined(config), gaussian, to)
     to.save()
     samples = report.read_json(tmp_path / "05_audit.json")["samples"]
     assert all(len(entry["sample"]) == 2 for entry in samples.values())
@@ -69,22 +70,22 @@ def test_tables_are_whole(small, sweep, studies):
     runs, detections = sweep.runs, sweep.detections
     n_levels, n_presets = len(small.p_levels), len(conventions.PRESETS)
     printed = {0.0: 0.15}
-    assert audit_tables.by_preset(runs, "pose_rmse", printed=printed).shape == (
+    assert show.by_preset(runs, "pose_rmse", printed=printed).shape == (
         n_levels,
         2 + n_presets,
     )
-    assert audit_tables.detection_table(detections, runs, small.tau).shape == (
+    assert show.detection_table(detections, runs, small.tau).shape == (
         n_levels * n_presets,
         8,
     )
-    assert len(audit_tables.silent_table(detections)) == len(small.taus)
+    assert len(show.silent_table(detections)) == len(small.taus)
     rows = isam2_over_worlds.auc_rows(sweep, rng=np.random.default_rng(0))
-    assert len(audit_tables.auc_table(rows)) == n_levels * n_presets
-    assert len(audit_tables.units_table(sweep.scores)) == n_presets
+    assert len(show.auc_table(rows)) == n_levels * n_presets
+    assert len(show.units_table(sweep.scores)) == n_presets
     for frame, make in (
-        (studies.widths, audit_tables.widths_table), (studies.ratios, audit_tables.ratios_table),
-        (studies.gains, audit_tables.convergence_table), (studies.ess, audit_tables.ess_table),
-        (studies.gaussianity, audit_tables.gaussianity_table), (studies.evidence, audit_tables.evidence_table),
+        (studies.widths, show.widths_table), (studies.ratios, show.ratios_table),
+        (studies.gains, show.convergence_table), (studies.ess, show.ess_table),
+        (studies.gaussianity, show.gaussianity_table), (studies.evidence, show.evidence_table),
     ):  # fmt: skip
         assert len(make(frame)) >= 2
         assert not make(frame).isna().any().any()
@@ -92,10 +93,10 @@ def test_tables_are_whole(small, sweep, studies):
 
 def test_interval_and_its_absence():
     row = pd.Series({"mean": 1.0, "low": 0.5, "high": 1.5, "n": 9, "missing": 0})
-    assert audit_tables.interval(row) == "1.00 [0.50, 1.50]"
-    assert audit_tables.interval(row.replace({0: 2})) == "1.00 [0.50, 1.50] (9)"
-    assert audit_tables.interval(pd.Series({**row, "n": 4, "missing": 5})) == "1.00 (4)"
-    assert audit_tables.interval(pd.Series({**row, "n": 0})) == "–"
+    assert show.interval(row) == "1.00 [0.50, 1.50]"
+    assert show.interval(row.replace({0: 2})) == "1.00 [0.50, 1.50] (9)"
+    assert show.interval(pd.Series({**row, "n": 4, "missing": 5})) == "1.00 (4)"
+    assert show.interval(pd.Series({**row, "n": 0})) == "–"
 
 
 def test_readings_of_the_noop_weight_hold_the_closed_form(noisy):

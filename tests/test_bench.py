@@ -2,9 +2,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from sngr_utils import bench, cost, plots, report
+from sngr_utils import cost, report
 from sngr_utils.experiments import engine_bench, growth
 from sngr_utils.sampling import settings
+from sngr_utils.show import cost as show
 from sngr_utils.slam import conventions
 from sngr_utils.sngr import refine, trigger
 from sngr_utils.world.scenario import Scenario
@@ -37,17 +38,17 @@ def test_bench_tables_and_values(engines, tmp_path, capsys):
     config, performances = engines
     per_call = cost.likelihood_seconds(config)
     assert 1e-8 < per_call < 1e-4
-    assert bench.speed_table(performances, per_call).shape == (8, 6)
-    assert bench.accuracy_table(performances).shape == (8, 6)
-    names, measured, limits = bench.speed_series(performances, per_call)
+    assert show.speed_table(performances, per_call).shape == (8, 6)
+    assert show.accuracy_table(performances).shape == (8, 6)
+    names, measured, limits = show.speed_series(performances, per_call)
     assert names == list(performances)
     assert limits[-1] < measured[-1]
     fig, ax = plt.subplots()
-    plots.draw_engines(ax, names, measured, limits)
+    show.draw_engines(ax, names, measured, limits)
     grown = cost.grow(config)
-    plots.draw_growth(ax, grown.lengths, grown.seconds, dict.fromkeys(grown.seconds, 1.0))
+    show.draw_growth(ax, grown.lengths, grown.seconds, dict.fromkeys(grown.seconds, 1.0))
     to = report.Report("04_cost", tmp_path)
-    cost.record_engines(performances, grown, (0.1, 0.05), to)
+    show.record_engines(performances, grown, (0.1, 0.05), to)
     to.figure(fig, "growth", timing=True)
     to.save()
     timings = report.read_json(tmp_path / "04_cost.timings.json")["values"]
@@ -56,7 +57,7 @@ def test_bench_tables_and_values(engines, tmp_path, capsys):
     assert results["values"]["engine.nested.bias"]["n"] == 20
     assert results["figures"] == ["04_cost_growth_timing.pdf"]
     plt.close(fig)
-    cost.print_bench(config)
+    show.print_bench(config)
     assert "fast path" in capsys.readouterr().out
 
 
@@ -74,7 +75,7 @@ def test_growth_measures_what_it_says(engines):
     assert set(grown.seconds) == set(growth.GROWTH)
     assert all((seconds > 0).all() for seconds in grown.seconds.values())
     assert grown.largest_error < 1e-9
-    table = bench.growth_table(grown)
+    table = show.growth_table(grown)
     assert table.shape == (5, 4)
     assert np.isnan(growth.Growth(np.array([3, 4]), {"a": np.array([1.0, np.nan])}, 0.0).slope("a"))
 
@@ -103,7 +104,7 @@ def test_two_modes_from_one_start_and_from_many():
     many, _ = engine_bench.two_mode_runs(32, 20, rng=rng)
     assert np.all((one < 0.1) | (one > 0.9))
     assert np.all(np.abs(many - 0.5) < 0.1)
-    table = cost.two_mode_table(rng=rng, runs=5)
+    table = show.two_mode_table(rng=rng, runs=5)
     assert table["right"].tolist() == ["0 of 5", "5 of 5"]
 
 

@@ -4,23 +4,18 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from sngr_utils import (
-    bimodal,
-    cost,
-    full_sngr,
-    parameters,
-    paths,
-    plots,
-    report,
-    style,
-    trigger_sweep,
-)
+from sngr_utils import bimodal, cost, full_sngr, parameters, paths, report, trigger_sweep
 from sngr_utils.metrics import standard_error
+from sngr_utils.show import bimodal as show_bimodal
+from sngr_utils.show import cost as show_cost
+from sngr_utils.show import full_sngr as show_full_sngr
+from sngr_utils.show import style as show_style
+from sngr_utils.show import trigger_sweep as show_trigger_sweep
 
 
 @pytest.fixture(autouse=True)
 def _close_figures():
-    style.use_style()
+    show_style.use_style()
     yield
     plt.close("all")
 
@@ -41,7 +36,7 @@ def test_saddle_log_likelihoods_in_both_conventions():
     """-12.50 as printed and -25.0 in the correct convention, by formula and by GTSAM."""
     for factor, expected in ((0.5, -12.5), (1.0, -25.0)):
         config = bimodal.Config(likelihood_factor=factor)
-        assert bimodal.profile(config, np.array(0.0), factor) == pytest.approx(expected)
+        assert show_bimodal.profile(config, np.array(0.0), factor) == pytest.approx(expected)
         estimate = bimodal.run_isam2(config, config.saddle)
         likelihood = bimodal.log_likelihood(config, estimate)
         assert likelihood(np.zeros(2)) == pytest.approx(expected, abs=1e-6)
@@ -123,23 +118,25 @@ def test_bimodal_moments(bimodal_result):
 
 
 def test_bimodal_tables_and_figures(bimodal_result, tmp_path):
-    table = bimodal.comparison_table(bimodal_result)
+    table = show_bimodal.comparison_table(bimodal_result)
     assert set(table["printed"]) >= {"−12.50", "12.49", "2.21", "0.62"}
     assert list(table["ours"])[2] == "−12.50"
-    assert bimodal.hessian_table(bimodal_result.config)["smallest"][1].startswith("−")
+    assert show_bimodal.hessian_table(bimodal_result.config)["smallest"][1].startswith("−")
     to = report.Report("x", tmp_path)
-    bimodal.record(bimodal_result, to)
+    show_bimodal.record(bimodal_result, to)
     config = bimodal_result.config
     fig, axes = plt.subplots(1, 6, figsize=(2 * 6, 2.5))
-    plots.draw_circles(axes[0], config.anchors, 3.0, {"modes": config.modes})
-    plots.draw_profile(axes[1], np.arange(3.0), {"a": np.arange(3.0)})
+    show_bimodal.draw_circles(axes[0], config.anchors, 3.0, {"modes": config.modes})
+    show_bimodal.draw_profile(axes[1], np.arange(3.0), {"a": np.arange(3.0)})
     points = {"iSAM2": bimodal_result.map, "modes": config.modes}
-    plots.draw_samples(axes[2], bimodal_result.samples, bimodal_result.weights, points)
-    plots.draw_histogram(axes[3], bimodal_result.samples[:, 1], bimodal_result.weights, [0.0])
-    plots.draw_repeated_masses(axes[4], bimodal_result.upper_masses, 0.1, 0.2)
-    plots.draw_live_points(axes[5], np.arange(3.0), np.arange(3.0))
+    show_bimodal.draw_samples(axes[2], bimodal_result.samples, bimodal_result.weights, points)
+    show_bimodal.draw_histogram(
+        axes[3], bimodal_result.samples[:, 1], bimodal_result.weights, [0.0]
+    )
+    show_bimodal.draw_repeated_masses(axes[4], bimodal_result.upper_masses, 0.1, 0.2)
+    show_bimodal.draw_live_points(axes[5], np.arange(3.0), np.arange(3.0))
     to.figure(fig, "all", png=True)
-    assert plots.run_plot(bimodal_result.run) is not None
+    assert show_bimodal.run_plot(bimodal_result.run) is not None
     assert (tmp_path / "x_all.pdf").exists()
     assert (tmp_path / "x_all.png").exists()
 
@@ -153,7 +150,7 @@ def test_circles_that_do_not_cross_are_refused():
 
 
 def test_tau_table_prints_both(paper_sweep):
-    table = trigger_sweep.tau_table(paper_sweep)
+    table = show_trigger_sweep.tau_table(paper_sweep)
     assert list(table["p = 0", "ours"]) == ["4", "0", "0", "0"]
     assert list(table["p = 0.3", "printed"]) == ["–", "21", "14", "8"]
 
@@ -180,20 +177,20 @@ def test_baseline_trends_of_the_paper(paper_sweep):
 
 
 def test_sweep_tables(paper_sweep, tmp_path):
-    baseline_table = trigger_sweep.baseline_table(paper_sweep)
+    baseline_table = show_trigger_sweep.baseline_table(paper_sweep)
     assert baseline_table.shape == (5, 14)
-    assert trigger_sweep.clean_table(paper_sweep).shape == (5, 5)
-    seeds = trigger_sweep.per_seed_table(paper_sweep)
+    assert show_trigger_sweep.clean_table(paper_sweep).shape == (5, 5)
+    seeds = show_trigger_sweep.per_seed_table(paper_sweep)
     assert list(seeds["triggered", "printed"]) == ["14", "8", "0", "10", "0"]
     to = report.Report("x", tmp_path)
-    trigger_sweep.record(paper_sweep, to)
+    show_trigger_sweep.record(paper_sweep, to)
     fig, axes = plt.subplots(1, 5, figsize=(2 * 5, 2.5))
     base = paper_sweep.single(0.3)
-    plots.draw_ranges(axes[0], base, 3)
-    plots.draw_world(axes[1], base, 3.9)
-    plots.draw_scores(axes[2], base, 3.9)
-    plots.draw_nees(axes[3], [0.0, 0.1], [1.0, 2.0], [None, 3.0])
-    plots.draw_score_boxes(axes[4], [0.0], [base.scores], 3.9)
+    show_trigger_sweep.draw_ranges(axes[0], base, 3)
+    show_trigger_sweep.draw_world(axes[1], base, 3.9)
+    show_trigger_sweep.draw_scores(axes[2], base, 3.9)
+    show_trigger_sweep.draw_nees(axes[3], [0.0, 0.1], [1.0, 2.0], [None, 3.0])
+    show_trigger_sweep.draw_score_boxes(axes[4], [0.0], [base.scores], 3.9)
     to.figure(fig, "all")
     covariance = base.covariances[5]
     shift = trigger_sweep.score_in_units(covariance, 100) - base.scores[5]
@@ -205,7 +202,7 @@ def test_presets_share_the_data():
     presets = trigger_sweep.run_presets(small)
     worlds = [sweep.single(0.3).world for sweep in presets.values()]
     assert all(np.array_equal(w.ranges, worlds[0].ranges) for w in worlds)
-    table = trigger_sweep.preset_table(presets)
+    table = show_trigger_sweep.preset_table(presets)
     assert list(table["p"]) == ["0", "0.3"]
     assert "–" in table["preset A"][0]  # one seed has no standard deviation
 
@@ -248,11 +245,11 @@ def test_pipeline_tables_and_figures(pipeline, tmp_path):
     config, levels = pipeline
     other = config.model_copy(update={"engine": "nested"})
     presets = full_sngr.run_presets(other, levels)
-    assert full_sngr.sngr_table(config, levels).shape == (1, 15)
-    assert full_sngr.gain_table(levels).shape[0] == 1
-    assert list(full_sngr.preset_table(presets)["preset"]) == ["printed", "A", "B", "C"]
+    assert show_full_sngr.sngr_table(config, levels).shape == (1, 15)
+    assert show_full_sngr.gain_table(levels).shape[0] == 1
+    assert list(show_full_sngr.preset_table(presets)["preset"]) == ["printed", "A", "B", "C"]
     to = report.Report("x", tmp_path)
-    full_sngr.record(config, levels, presets, to)
+    show_full_sngr.record(config, levels, presets, to)
     level = levels[config.p_diagnosed]
     window = full_sngr.example_window(config, level)
     truth, estimate, samples, mean = full_sngr.window_positions(config, level, window, n=50)
@@ -262,10 +259,10 @@ def test_pipeline_tables_and_figures(pipeline, tmp_path):
     to_marginal, to_conditional = full_sngr.spread_ratios(level, window)
     assert 0 < to_marginal < to_conditional < 1.5
     fig, axes = plt.subplots(1, 4, figsize=(2 * 4, 2.5))
-    plots.draw_window_samples(axes[0], truth, estimate, samples, mean)
-    plots.draw_gains(axes[1], full_sngr.per_window(presets, "delta_logp"))
-    plots.draw_ess(axes[2], full_sngr.per_window(presets, "ess_share"))
-    plots.draw_rmse(axes[3], config.p_levels, full_sngr.rmse_series(levels))
+    show_full_sngr.draw_window_samples(axes[0], truth, estimate, samples, mean)
+    show_full_sngr.draw_gains(axes[1], show_full_sngr.per_window(presets, "delta_logp"))
+    show_full_sngr.draw_ess(axes[2], show_full_sngr.per_window(presets, "ess_share"))
+    show_full_sngr.draw_rmse(axes[3], config.p_levels, show_full_sngr.rmse_series(levels))
     to.figure(fig, "all")
 
 
@@ -284,11 +281,11 @@ def test_pipeline_without_any_trigger_still_reports(tmp_path):
     assert np.isnan(levels[0.3].median_gain)
     assert levels[0.3].pose_rmse == pytest.approx(levels[0.3].baseline.pose_rmse)
     to = report.Report("x", tmp_path)
-    full_sngr.record(config, levels, {"A": levels[0.3]}, to)
+    show_full_sngr.record(config, levels, {"A": levels[0.3]}, to)
     to.save()
     tex = report.latex([report.read_json(tmp_path / "x.json")])["values.tex"]
     assert r"\csname res@sngr.gain_max.A\endcsname{--}" in tex
-    assert full_sngr.gain_table(levels)["median"][0] == "–"
+    assert show_full_sngr.gain_table(levels)["median"][0] == "–"
 
 
 @pytest.mark.parametrize("name", ["p_diagnosed", "p_noop"])
@@ -342,14 +339,14 @@ def test_three_ways_to_write_the_closure_agree(costs, tmp_path):
     assert closure.all_factors == level.baseline.solution.graph.size()
     assert closure.window_factors == 22
     to = report.Report("x", tmp_path)
-    cost.record(config, levels, closure, to)
-    to.table("cost", cost.cost_table(levels), timing=True)
+    show_cost.record(config, levels, closure, to)
+    to.table("cost", show_cost.cost_table(levels), timing=True)
     to.save()
     assert (tmp_path / "x.timings.json").exists()
-    assert cost.closure_table(levels, closure).shape == (3, 6)
-    assert cost.calls_table(levels).shape == (1, 6)
+    assert show_cost.closure_table(levels, closure).shape == (3, 6)
+    assert show_cost.calls_table(levels).shape == (1, 6)
     fig, axes = plt.subplots(1, 2, figsize=(2 * 2, 2.5))
-    plots.draw_saving(axes[0], {"ours": ([4], [2.5]), "printed": ([], [])}, 10)
+    show_cost.draw_saving(axes[0], {"ours": ([4], [2.5]), "printed": ([], [])}, 10)
     to.figure(fig, "all")
 
 

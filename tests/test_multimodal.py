@@ -6,9 +6,10 @@ import pandas as pd
 import pytest
 from helpers import signatures
 
-from sngr_utils import multimodal, multimodal_tables
+from sngr_utils import multimodal
 from sngr_utils.detection import mirror_image
 from sngr_utils.experiments import sampler_contest
+from sngr_utils.show import multimodal as show
 
 QUICK = multimodal.Config(
     n_seeds=2, n_sampled=2, poses_seen=[2, 8], poses_sampled=[2], ranges_per_pose=[1],
@@ -81,7 +82,7 @@ def test_the_window_score_is_that_of_the_poses():
 
 def test_every_case_is_counted_once_and_every_method_judged(landmarks):
     found = multimodal.run_windows(QUICK)
-    rows = multimodal_tables.detection_rows(QUICK, landmarks, found)
+    rows = show.detection_rows(QUICK, landmarks, found)
     counted = rows[["found", "missed", "false", "silent"]].sum(axis=1)
     assert set(counted[rows["case"] == "landmark"]) == {len(landmarks)}
     assert set(counted[rows["case"] == "window"]) == {len(found)}
@@ -89,8 +90,8 @@ def test_every_case_is_counted_once_and_every_method_judged(landmarks):
     for case in ("landmark", "window", "two anchors, from the saddle"):
         assert set(runs.loc[runs["case"] == case, "method"]) == set(sampler_contest.METHODS)
     assert runs["mass_error"].between(0, 1).all()
-    assert list(multimodal_tables.summary_table(runs)["method"]) == list(sampler_contest.METHODS)
-    assert set(multimodal_tables.mass_errors(runs)) == {"landmark, few poses", "window"}
+    assert list(show.summary_table(runs)["method"]) == list(sampler_contest.METHODS)
+    assert set(show.mass_errors(runs)) == {"landmark, few poses", "window"}
     narrow = runs.query("case == 'two anchors, from the mode' and method == 'c = 1'")
     assert (narrow["mass_error"] > 0.45).all()
     anchors = runs.query("case == 'two anchors, from the saddle'")

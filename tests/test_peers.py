@@ -2,8 +2,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from sngr_utils import parameters, paths, peer_plots, peer_tables, peers, report, style
+from sngr_utils import parameters, paths, peers, report
 from sngr_utils.experiments import estimators
+from sngr_utils.show import peers as show_peers
+from sngr_utils.show import style as show_style
 
 
 @pytest.fixture(scope="module")
@@ -57,32 +59,32 @@ def test_the_ambiguous_range_is_shared_by_probabilities(quick):
 
 def test_peer_tables_figures_and_values(quick, runs, tmp_path):
     n_methods, n_levels = len(estimators.METHODS), len(quick.p_levels)
-    assert peer_tables.by_method(runs, "ratio").shape == (n_methods, 1 + n_levels)
-    assert peer_tables.start_table(runs).shape == (
+    assert show_peers.by_method(runs, "ratio").shape == (n_methods, 1 + n_levels)
+    assert show_peers.start_table(runs).shape == (
         n_methods - len(estimators.WITHOUT_START),
         1 + 2 * len(quick.p_starts),
     )
-    table = peer_tables.test_table(runs, peers.BEST)
+    table = show_peers.test_table(runs, peers.BEST)
     assert table.shape == (n_methods, 1 + 3)  # one level above zero
     assert (table.iloc[:, 2] == report.NONE).sum() == 1
-    assert len(peer_tables.time_table(runs)) == n_methods
+    assert len(show_peers.time_table(runs)) == n_methods
     to = report.Report("x", tmp_path)
-    peers.record(quick, runs, to)
+    show_peers.record(quick, runs, to)
     to.save()
     saved = report.entries(report.read_json(tmp_path / "x.json"))
     assert saved["peers.oracle.grid.p0.4.ratio"]["value"] == 1
     assert saved["peers.em.first_poses.p0.4.lost"]["unit"] == "%"
-    style.use_style()
+    show_style.use_style()
     one = peers.ambiguous(quick)
     x = np.linspace(2, 4, 11)
-    fig, axes = style.panels(10, 2.5, 5)
+    fig, axes = show_style.panels(10, 2.5, 5)
     ranges, costs = peers.pull(quick, x)
-    peer_plots.draw_pull(axes[0], ranges, peers.N_WRONG, x, costs)
-    peer_plots.draw_curves(axes[1], x, costs, xlabel="x")
-    peer_plots.legend_right(axes[1])
-    peer_plots.draw_range(axes[2], one.position, one.distance, one.landmarks, one.label, one.source)
-    peer_plots.draw_beliefs(axes[3], one.beliefs)
-    peer_plots.draw_ratios(axes[4], peer_tables.ratio_series(runs))
+    show_peers.draw_pull(axes[0], ranges, peers.N_WRONG, x, costs)
+    show_peers.draw_curves(axes[1], x, costs, xlabel="x")
+    show_peers.legend_right(axes[1])
+    show_peers.draw_range(axes[2], one.position, one.distance, one.landmarks, one.label, one.source)
+    show_peers.draw_beliefs(axes[3], one.beliefs)
+    show_peers.draw_ratios(axes[4], show_peers.ratio_series(runs))
     to.figure(fig, "all")
     plt.close(fig)
 

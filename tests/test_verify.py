@@ -3,6 +3,8 @@ import math
 import pytest
 
 from sngr_utils import bimodal, parameters, paths, report, trigger_sweep, verdict_tables, verify
+from sngr_utils.show import bimodal as show_bimodal
+from sngr_utils.show import trigger_sweep as show_trigger_sweep
 
 
 def entry(value, kind, size, error=None):
@@ -109,7 +111,7 @@ def test_counts_alike_in_all_worlds_must_stay_so(tmp_path):
 
 def sweep_values(sweep, tmp_path):
     to = report.Report("02_trigger_sweep", tmp_path)
-    trigger_sweep.record(sweep, to)
+    show_trigger_sweep.record(sweep, to)
     to.save()
     return report.read_json(tmp_path / "02_trigger_sweep.json")["values"]
 
@@ -131,7 +133,7 @@ def test_compare_and_adopt_on_folders(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(verdict_tables, "update_readme", lambda results: seen.update(results))
     seen = {}
     to = report.Report("01_bimodal", tmp_path / "verify/01_bimodal")
-    bimodal.record(bimodal.run(bimodal.Config(n_repeats=2, n_live=20)), to)
+    show_bimodal.record(bimodal.run(bimodal.Config(n_repeats=2, n_live=20)), to)
     to.sample("worlds", [1.0, 2.0])
     to.value("clock", 3.0, timing=True)
     to.save()

@@ -1,10 +1,19 @@
-"""The tables and series of notebook 05, from the data frames of its experiments."""
+"""The tables and figures of notebook 05, and what it records."""
+
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter
 
-from sngr_utils import report, style
+from sngr_utils import report
+from sngr_utils.audit import NOOP_P, Config, WindowStudies
+from sngr_utils.experiments import isam2_over_worlds
 from sngr_utils.metrics import standard_error, summaries
+from sngr_utils.show import style as show
+from sngr_utils.show.common import legend_above
+from sngr_utils.show.style import WRONG_LABEL
 
 t = report.text
 
@@ -242,7 +251,7 @@ def robust_table(runs: pd.DataFrame) -> pd.DataFrame:
     for (start, method), group in poses.groupby(["start", "method"], sort=False):
         cells = [interval(row) for _, row in group.iterrows()]
         rows.append([
-            style.method_name(method),
+            show.method_name(method),
             start.replace("_", " "),
             *cells,
             t(last[start, method]),
@@ -268,7 +277,7 @@ def readings_table(readings: pd.DataFrame) -> pd.DataFrame:
 
 
 def curve_series(frame: pd.DataFrame, value: str) -> dict[str, tuple[np.ndarray, ...]]:
-    """preset -> p, mean, low, high for `plots.draw_intervals`."""
+    """preset -> p, mean, low, high for `common.draw_intervals`."""
     table = summaries.summary(frame, value)
     return {
         preset: tuple(group[name].to_numpy() for name in ("p", "mean", "low", "high"))
@@ -281,6 +290,101 @@ def robust_series(runs: pd.DataFrame, start: str) -> dict[str, tuple[np.ndarray,
     chosen = runs[runs["start"].isin([start, "none"])]
     means = chosen.groupby(["method", "p"], sort=False)["pose_rmse"].mean()
     return {
-        style.method_name(method): (group.index.get_level_values("p").to_numpy(), group.to_numpy())
+        show.method_name(method): (group.index.get_level_values("p").to_numpy(), group.to_numpy())
         for method, group in means.groupby(level="method", sort=False)
     }
+
+
+def record(
+    config: Config,
+    sweep: isam2_over_worlds.Sweep,
+    refined: pd.DataFrame,
+    gaussian_ess: pd.DataFrame,
+    to: report.Report,
+) -> None:
+    """Hand on one number per world for every claim (``paper/claims.yaml``)."""
+    to.value("audit.n_seeds", config.n_seeds, ".0f")
+    for (preset, p), rows in sweep.runs.groupby(["preset", "p"], sort=False):
+        here = f"audit.{preset}.p{p:g}"
+        for name in ("pose_rmse", "nees", "failed", "base_rate"):
+            to.sample(f"{here}.{name}", rows[name].astype(float))
+    for (preset, p, tau), rows in sweep.detections.groupby(["preset", "p", "tau"], sort=False):
+        here = f"audit.{preset}.p{p:g}.tau{tau:g}"
+        for name in ("triggered", "precision", "recall", "tp", "fp", "fn"):
+            to.sample(f"{here}.{name}", rows[name].astype(float))
+        to.sample(f"{here}.precision_over_base", summaries.precision_over_base(rows, sweep.runs))
+    medians = sweep.scores.groupby(["preset", "p", "seed"], sort=False)["score"].median()
+    for (preset, p), values in medians.groupby(level=["preset", "p"], sort=False):
+        to.sample(f"audit.{preset}.p{p:g}.median_score", values)
+    kept = ("sngr_pose_rmse", "sngr_landmark_rmse", "sngr_nees", "saving", "gain_min", "gain_max",
+            "gain_peak_window", "ess_share")  # fmt: skip
+    for (preset, p), rows in refined.groupby(["preset", "p"], sort=False):
+        for name in kept:
+            to.sample(f"audit.{preset}.p{p:g}.{name}", rows[name].astype(float))
+        if p == NOOP_P:
+            to.sample(f"audit.{preset}.noop", rows["noop"].astype(float))
+    for preset, rows in gaussian_ess.groupby("preset", sort=False):
+        key = f"audit.{preset}.p{config.p_windows:g}.gaussian_ess_share"
+        to.sample(key, rows["ess_share"])
+
+
+def record_findings(
+    studies: WindowStudies, nees: pd.DataFrame, robust_runs: pd.DataFrame, to: report.Report
+) -> None:
+    """Hand on the numbers that the paper's text quotes; errors are those over worlds."""
+
+    def sample(key, values, fmt=".2f", unit=""):
+        values = np.asarray(values, dtype=float)
+        error = standard_error.standard_error(values)
+        to.value(key, float(values.mean()), fmt, unit, error, len(values))
+
+    for reading, rows in studies.widths.groupby("reading"):
+        by_world = rows.groupby("seed")
+        sample(f"widths.{reading}.conditional", by_world["over_conditional"].mean(), ".3f")
+        sample(f"widths.{reading}.marginal", by_world["over_marginal"].mean(), ".3f")
+    largest = studies.ratios["largest_direction"]
+    to.value("widths.largest_direction", largest.max(), ".0f", n=len(largest))
+    for separators, rows in studies.gaussianity.groupby("separators"):
+        near = rows["difference"].abs() <= 3 * rows["error"]
+        to.value(f"gaussian.{separators}.windows", len(rows), ".0f")
+        to.value(f"gaussian.{separators}.near", near.sum(), ".0f", within=6)
+        to.value(f"gaussian.{separators}.largest", rows["difference"].abs().max(), ".3f", "nats",
+                 n=len(rows), within=0.05)  # fmt: skip
+    for separators, rows in studies.evidence.groupby("separators"):
+        sample(f"evidence.{separators}.bias", rows["difference"], ".2f", "nats")
+        to.value(f"evidence.{separators}.largest", rows["in_errors"].abs().max(), ".1f",
+                 n=len(rows), within=1.5)  # fmt: skip
+    shares = studies.ess.groupby(["kind", "scale", "seed"])["ess_share"].mean()
+    for (kind, scale), values in shares.groupby(level=["kind", "scale"]):
+        sample(f"ess.{kind}.c{scale:g}", 100 * values, ".1f", "%")
+    for (preset, mean), rows in nees.query("frame == 'world'").groupby(["preset", "x0_mean"]):
+        sample(f"nees.{preset}.{mean}", rows["nees"])
+    for (method, start, p), rows in robust_runs.groupby(["method", "start", "p"]):
+        sample(f"robust.{method}.{start}.p{p:g}", rows["pose_rmse"], unit="m")
+
+
+def draw_detection_curves(axes: Sequence[Axes], curves: dict[str, tuple]) -> None:
+    """ROC (left) and precision-recall curves (right); dotted: what firing at random gives."""
+    looks = zip(curves.items(), show.SEQUENCE, strict=False)
+    for (name, (roc, precision_recall, base_rate)), colour in looks:
+        axes[0].plot(*roc, color=colour, label=name)
+        axes[1].plot(*precision_recall, color=colour)
+        axes[1].axhline(base_rate, color=colour, lw=0.6, ls=":")
+    axes[0].plot([0, 1], [0, 1], ":", color=show.TRUTH, lw=0.6)
+    axes[0].set(xlabel="false positive rate", ylabel="true positive rate", aspect="equal")
+    axes[1].set(xlabel="recall", ylabel="precision", ylim=(0, 1.02))
+    legend_above(axes[0], ncols=2)
+
+
+def draw_robust(ax: Axes, series: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
+    """Mean pose RMSE [m] against p, log scale: method -> (p, rmse)."""
+    fixed = {"dead reckoning": show.TRUTH, "least squares": show.ESTIMATE}
+    others = [name for name in series if name not in fixed]
+    colours = fixed | dict(zip(others, show.SEQUENCE, strict=False))
+    for (name, (p, rmse)), marker in zip(series.items(), "osD^v<>xP", strict=False):
+        ax.semilogy(p, rmse, marker=marker, mfc="none", color=colours[name], label=name)
+    ax.set(xlabel=WRONG_LABEL, ylabel="pose RMSE [m]")
+    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_formatter(NullFormatter())
+    legend_above(ax, ncols=3)

@@ -71,3 +71,10 @@ METHOD_NAMES = {
 def method_name(key: str) -> str:
     """How tables and figures name a method of `estimators`, or anything else with underscores."""
     return METHOD_NAMES.get(key, key.replace("_", " "))
+
+
+PRESET_COLOURS = {"A": LANDMARK, "B": ESTIMATE, "C": SAMPLES}
+
+PRESET_MARKERS = {"A": "^", "B": "o", "C": "s"}
+
+WRONG_LABEL = "share p of wrong associations"

@@ -1,13 +1,16 @@
-"""The tables and series of notebook 06, from the data frames of its driver."""
+"""The tables and figures of notebook 06, and what it records."""
 
 from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 
 from sngr_utils import report
 from sngr_utils.detection import scores
 from sngr_utils.metrics import standard_error
+from sngr_utils.show import style as show
+from sngr_utils.show.common import legend_above
 
 t = report.text
 
@@ -157,3 +160,124 @@ def auc_series(
         columns = (mine[f"auc{end}"].to_numpy() for end in ("", "_low", "_high"))
         series[NAMES[name]] = (list(mine["case"]), *columns)
     return series
+
+
+STATES = {  # state of a window -> colour and marker
+    "neither": (show.ESTIMATE, "."),
+    "wrong labels, not failed": (show.LANDMARK, "o"),
+    "failed": (show.TRIGGERED, "x"),
+}
+
+
+def draw_p_values(ax: Axes, surprises: dict[str, np.ndarray]) -> None:
+    """Histograms of p-values of clean windows: name -> -log10 p; flat if the law is right."""
+    for (name, values), colour in zip(surprises.items(), (show.PRINTED, show.SAMPLES), strict=True):
+        ax.hist(
+            10.0**-values, np.linspace(0, 1, 11), density=True, histtype="step", lw=1.4,
+            color=colour, label=name,
+        )  # fmt: skip
+    ax.axhline(1, color=show.TRUTH, lw=0.6, ls=":")
+    ax.set(xlabel="p-value of a clean window", ylabel="density", xlim=(0, 1))
+    legend_above(ax)
+
+
+def draw_along(axes: Sequence[Axes], rows: pd.DataFrame, panels: dict[str, tuple]) -> None:
+    """Scores along one trajectory, one panel each, with wrong labels and failed windows.
+
+    Parameters
+    ----------
+    rows : windows of one world: window, wrong, failed and the scores
+    panels : column -> label of the axis, threshold
+    """
+    window, wrong = rows["window"].to_numpy(), rows["wrong"].to_numpy() > 0
+    failed = rows["failed"].to_numpy()
+    for ax, (column, (label, threshold)) in zip(axes, panels.items(), strict=True):
+        score = rows[column].to_numpy()
+        if column.startswith("chi"):
+            ax.set_yscale("symlog", linthresh=1)
+        ax.fill_between(
+            window, 0, 1, where=wrong, step="mid", transform=ax.get_xaxis_transform(),
+            color=show.LANDMARK, alpha=0.25, lw=0, label="wrong labels in the window",
+        )  # fmt: skip
+        ax.plot(window, score, "o-", color=show.ESTIMATE, ms=2.5, lw=0.7)
+        ax.plot(window[failed], score[failed], "x", color=show.TRIGGERED, ms=5, label="failed")
+        ax.axhline(threshold, color=show.TRUTH, lw=0.7, ls="--", label="threshold")
+        ax.set_ylabel(label)
+        ax.margins(y=0.15)
+    axes[-1].set_xlabel("window")
+    legend_above(axes[0])
+
+
+def draw_states(ax: Axes, rows: pd.DataFrame, thresholds: tuple[float, float]) -> None:
+    """Disagreement [m] against the surprise of the chi-square, by what the window is."""
+    failed, wrong = rows["failed"].to_numpy(), rows["contaminated"].to_numpy()
+    masks = {"neither": ~failed & ~wrong, "wrong labels, not failed": ~failed & wrong,
+             "failed": failed}  # fmt: skip
+    for name, (colour, marker) in STATES.items():
+        here = rows[masks[name]]
+        ax.plot(
+            here["chi_square_robust"], here["disagreement"], marker, ms=2.5, mfc="none", mew=0.6,
+            color=colour, alpha=0.7, label=name,
+        )  # fmt: skip
+    ax.axvline(thresholds[0], color=show.TRUTH, lw=0.6, ls="--")
+    ax.axhline(thresholds[1], color=show.TRUTH, lw=0.6, ls="--")
+    ax.set_xscale("symlog", linthresh=1)
+    ax.set_xlim(left=-0.3)
+    ax.set_yscale("log")
+    ax.set(xlabel=r"chi-square, robust estimate: $-\log_{10} p$", ylabel="disagreement [m]")
+    legend_above(ax)
+
+
+def draw_aucs(ax: Axes, series: dict[str, tuple], title: str, legend: bool) -> None:
+    """AUC per case with its interval: name -> cases, AUC, low, high."""
+    cases = max((given[0] for given in series.values()), key=len)
+    looks = zip(series.items(), show.SEQUENCE, "os^vD<", strict=False)
+    for i, ((name, (mine, auc, low, high)), colour, marker) in enumerate(looks):
+        x = np.array([cases.index(case) for case in mine]) + 0.07 * (i - 2)
+        bars = np.nan_to_num([auc - low, high - auc])
+        ax.errorbar(
+            x, auc, bars, fmt=marker, color=colour, mfc="none", lw=0.8, capsize=1.5, label=name
+        )
+    ax.axhline(0.5, color=show.TRUTH, lw=0.6, ls=":")
+    ax.set_xticks(range(len(cases)), cases, rotation=35, ha="right")
+    ax.set(ylabel=f"AUC, {title}", ylim=(0.2, 1.03))
+    if legend:
+        legend_above(ax, ncols=2)
+
+
+def record(
+    failed: pd.DataFrame, contaminated: pd.DataFrame, decided: pd.DataFrame,
+    clean: pd.DataFrame, to: report.Report,
+) -> None:  # fmt: skip
+    """Hand on what the paper's text quotes. Standard errors are those of the intervals."""
+
+    def value(key, row, column, fmt):
+        error = (row[f"{column}_high"] - row[f"{column}_low"]) / (2 * 1.96)
+        to.value(key, row[column], fmt, "", error, int(row["worlds"]))
+
+    for name, table in (("failed", failed), ("contaminated", contaminated)):
+        for _, row in table.iterrows():
+            here = f"{row['detector']}.{slug(row['case'])}"
+            value(f"triggers.auc.{name}.{here}", row, "auc", ".2f")
+    for case, rows in failed.groupby("case", sort=False):
+        to.value(f"triggers.base_rate.{slug(case)}", rows["base_rate"].iloc[0], ".2f", within=0.02)
+    for _, row in decided.iterrows():
+        value(f"triggers.mcc.{row['detector']}.{slug(row['case'])}", row, "mcc", ".2f")
+    percent = clean.assign(**{c: 100 * clean[c] for c in ("fired", "fired_low", "fired_high")})
+    for _, row in percent.iterrows():
+        key = f"triggers.level.{row['detector']}.{slug(row['scenario'])}"
+        value(key, row, "fired", ".1f")
+    for scenario, rows in clean.groupby("scenario", sort=False):
+        failed_here, n = 100 * rows["base_rate"].iloc[0], int(rows["worlds"].iloc[0])
+        to.value(f"triggers.level.failed.{slug(scenario)}", failed_here, ".0f", n=n, within=5)
+    lawful = percent.loc[percent["detector"] == "chi_square_robust", "fired"]
+    to.value("triggers.level.lowest", lawful.min(), ".1f", within=1)
+    to.value("triggers.level.highest", lawful.max(), ".1f", within=1)
+    limit = 100 * clean.loc[clean["detector"] == "at_limit", "false_alarms"]
+    to.value("triggers.level.at_limit.highest", limit.max(), ".1f", within=1)
+    to.value("triggers.level.scenarios", len(lawful), ".0f")
+
+
+def slug(name: str) -> str:
+    """ "burst, p = 0.3" -> "burst_p0.3": a case or scenario as part of a key."""
+    return name.replace(",", "").replace(" = ", "").replace(" ", "_")

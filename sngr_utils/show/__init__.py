@@ -1,0 +1,1 @@
+"""What the notebooks show: one module each with tables, figures and what is recorded."""

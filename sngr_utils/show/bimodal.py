@@ -1,0 +1,183 @@
+"""The tables and figures of notebook 01, and what it records."""
+
+from collections.abc import Sequence
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from dynesty.plotting import runplot
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from matplotlib.ticker import MaxNLocator
+
+from sngr_utils import report
+from sngr_utils.bimodal import Config, Result, full_hessian, gauss_newton_hessian, repeated
+from sngr_utils.metrics import standard_error
+from sngr_utils.sampling.weighted_samples import NestedRun
+from sngr_utils.show import style as show
+from sngr_utils.show.common import legend_above
+
+
+def hessian_table(config: Config) -> pd.DataFrame:
+    """Eigenvalues of both Hessians at the saddle and at a mode, [1/m^2]."""
+    rows = []
+    for name, at in (("saddle", config.saddle), ("mode", config.modes[0])):
+        for kind, hessian in (
+            ("Gauss-Newton", gauss_newton_hessian(config, at)),
+            ("full", full_hessian(config, at)),
+        ):
+            low, high = np.linalg.eigvalsh(hessian)
+            shown = [report.text(low), report.text(high)]
+            rows.append([name, kind, *shown, report.text(np.log10(high / low)) if low > 0 else "–"])
+    return pd.DataFrame(rows, columns=["at", "Hessian", "smallest", "largest", "log10 cond."])
+
+
+def comparison_table(result: Result) -> pd.DataFrame:
+    """tab:bimodal, printed value beside ours."""
+    printed, t = report.printed_values()["bimodal"], report.text
+
+    def point(p):
+        return f"({t(p[0], '.3f')}, {t(p[1], '.3f')})"
+
+    def row(name, key, ours, fmt=".2f"):
+        return [name, t(printed[key], fmt), t(ours, fmt)]
+
+    return pd.DataFrame(
+        [
+            ["iSAM2 estimate [m]", point(printed["map"]), point(result.map)],
+            ["best nested sample [m]", point(printed["ns_best"]), point(result.best)],
+            row("log-likelihood, iSAM2", "loglik_map", result.loglik_map),
+            row("log-likelihood, best sample", "loglik_ns", result.loglik_best),
+            row("gain Δ log p", "delta_logp", result.delta_logp),
+            row("distance to a mode, iSAM2 [m]", "error_from_mode_map",
+                result.mode_distance(result.map), ".3f"),
+            row("distance to a mode, best [m]", "error_from_mode_ns",
+                result.mode_distance(result.best), ".3f"),
+            row("weighted σ of y [m]", "weighted_sigma_y", result.sigma_y),
+            row("bimodality coefficient", "bimodality_coefficient", result.bimodality),
+            ["mass of the upper mode", report.NONE,
+             f"{t(result.upper_mass)} ± {t(result.upper_mass_error)}"],
+            [f"same, mean of {len(result.upper_masses)} runs", report.NONE,
+             f"{t(result.upper_masses.mean())} ± {t(standard_error.standard_error(result.upper_masses))}"],
+        ],
+        columns=["quantity", "printed", "ours"],
+    )  # fmt: skip
+
+
+def record(result: Result, to: report.Report) -> None:
+    """Hand the experiment's values to the paper."""
+    for name, factor in (("as_printed", 0.5), ("correct", 1.0)):
+        saddle = profile(result.config, np.array(0.0), factor)
+        to.value(f"bimodal.loglik_saddle_{name}", saddle, unit="nats")
+    to.value("bimodal.delta_logp", result.delta_logp, unit="nats")
+    to.value("bimodal.sigma_y", result.sigma_y, unit="m", n=len(result.samples))
+    masses = result.upper_masses
+    to.value("bimodal.upper_mass", result.upper_mass, error=result.upper_mass_error)
+    to.value("bimodal.resampled_error", result.resampled_error)
+    to.value("bimodal.mass_spread", result.upper_mass_error, n=len(masses))
+    mean_error = standard_error.standard_error(masses)
+    to.value("bimodal.mean_mass", masses.mean(), error=mean_error, n=len(masses))
+    to.value("bimodal.bimodality", result.bimodality, n=len(result.samples))
+    printed_best = np.array(report.printed_values()["bimodal"]["ns_best"])
+    to.value("bimodal.printed_distance", result.mode_distance(printed_best), ".4f", "m")
+    for name, value in (("map_x", result.map[0]), ("map_y", result.map[1]),
+                        ("map_distance", result.mode_distance(result.map))):  # fmt: skip
+        to.value(f"bimodal.{name}", value, ".3f", "m")
+    for name, (values, unit) in repeated(result).items():
+        to.sample(f"bimodal.{name}", values, ".3f", unit)
+    to.value("bimodal.calls", result.run.calls, ".0f", within=0.05 * result.run.calls)
+
+
+def profile(config: Config, y: np.ndarray, factor: float) -> np.ndarray:
+    """(N,) log-likelihood of the ranges alone on the line through both modes, [nats].
+
+    Parameters
+    ----------
+    y : (N,) heights above the anchors' line, [m]
+    factor : factor on GTSAM's error(), see `settings.SamplerSettings`
+    """
+    distance = np.hypot(config.anchor_distance / 2, y)
+    error = (distance - config.measured_range) ** 2 / (2 * config.range_sigma**2)
+    return -factor * 2 * error
+
+
+def draw_circles(ax: Axes, anchors: np.ndarray, radius: float, points: dict) -> None:
+    """Circles of equal range around known anchors, and labelled points (name -> (2,)), [m]."""
+    for anchor in anchors:
+        ax.add_patch(Circle(anchor, radius, fill=False, color=show.ESTIMATE))
+    ax.plot(*anchors.T, "^", color=show.TRUTH, label="anchors")
+    for (name, point), marker in zip(points.items(), "xoo*+", strict=False):
+        ax.plot(*np.atleast_2d(point).T, marker, color=show.TRIGGERED, mfc="none", label=name)
+    ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    ax.margins(0.05)
+    ax.autoscale_view()
+    ax.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+
+
+def draw_profile(ax: Axes, y: np.ndarray, curves: dict[str, np.ndarray]) -> None:
+    """Curves (name -> (N,)) of log-likelihood along a line of y, [nats] against [m]."""
+    looks = [(show.ESTIMATE, "-"), (show.PRIOR, "--"), (show.SAMPLES, ":")]
+    for (name, values), (colour, dash) in zip(curves.items(), looks, strict=False):
+        ax.plot(y, values, dash, color=colour, label=name)
+    ax.set(xlabel="y [m]", ylabel="log-likelihood [nats]")
+    ax.legend()
+
+
+def draw_samples(
+    ax: Axes, samples: np.ndarray, weights: np.ndarray, points: dict[str, np.ndarray]
+) -> None:
+    """Weighted samples (N, 2) in the plane, area by weight, and labelled points, [m]."""
+    size = 30 * weights / weights.max()
+    kept = size > 0.05
+    ax.scatter(*samples[kept].T, s=size[kept], color=show.SAMPLES, alpha=0.4, lw=0,
+               label="samples")  # fmt: skip
+    colours = (show.ESTIMATE, show.TRUTH)
+    for (name, point), marker, colour in zip(points.items(), "x+", colours, strict=False):
+        ax.plot(*np.atleast_2d(point).T, marker, ms=6, color=colour, label=name)
+    ax.set(xlabel="x [m]", ylabel="y [m]")
+    legend_above(ax)
+
+
+def draw_histogram(ax: Axes, y: np.ndarray, weights: np.ndarray, marks: Sequence[float]) -> None:
+    """Weighted histogram of y with vertical lines at `marks`, [m]."""
+    ax.hist(y, bins=np.linspace(-4, 4, 41), weights=weights, color=show.SAMPLES, density=True)
+    for mark in marks:
+        ax.axvline(mark, color=show.TRUTH, lw=0.6, ls=":")
+    ax.set(xlabel="y [m]", ylabel="density [1/m]")
+
+
+def draw_repeated_masses(ax: Axes, masses: np.ndarray, single_error: float, spread: float) -> None:
+    """Mode mass of repeated runs (n,), with two claims of a single run's standard error."""
+    ax.plot(np.arange(1, len(masses) + 1), masses, "o", color=show.SAMPLES, label="one run each")
+    ax.axhline(0.5, color=show.TRUTH, lw=0.6, ls=":", label="symmetry")
+    ax.axhspan(0.5 - spread, 0.5 + spread, color=show.SAMPLES, alpha=0.15, lw=0,
+               label="± spread of the runs")  # fmt: skip
+    ax.axhspan(0.5 - single_error, 0.5 + single_error, color=show.PRIOR, alpha=0.3, lw=0,
+               label="± by resampling one run")  # fmt: skip
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.set(xlabel="run", ylabel="mass of the upper mode", ylim=(0, 1))
+    ax.legend(loc="lower right", ncols=2)
+
+
+def draw_live_points(ax: Axes, log_volume: np.ndarray, y: np.ndarray) -> None:
+    """Discarded points' y [m] against the log prior volume left, as the run goes on."""
+    ax.plot(log_volume, y, ".", ms=1.5, color=show.SAMPLES)
+    ax.invert_xaxis()
+    ax.set_yscale("symlog", linthresh=3)
+    ax.set_yticks([-100, -10, 0, 10, 100])
+    ax.set(xlabel="log prior volume left", ylabel="y of the discarded point [m]")
+
+
+def run_plot(run: NestedRun) -> Figure:
+    """dynesty's own summary of a run: live points, likelihood, weight, evidence.
+
+    Without its smoothing of the weights, which draws from an unseeded generator.
+    """
+    fig, axes = plt.subplots(4, 1, figsize=(show.COLUMN_WIDTH * 1.5, 5.5), sharex=True)
+    runplot(run.results, fig=(fig, axes), color=show.SAMPLES, kde=False, lnz_error=False)
+    for ax in axes:
+        ax.tick_params(labelsize=7)
+        ax.xaxis.label.set_size(8)
+        ax.yaxis.label.set_size(8)
+    return fig

@@ -1,0 +1,40 @@
+"""What the figures of several notebooks share."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from sngr_utils.show import style as show
+from sngr_utils.show.style import PRESET_COLOURS, PRESET_MARKERS, WRONG_LABEL
+
+
+def legend_above(ax: Axes, ncols: int = 3) -> None:
+    """A legend in one line above the panel, where it hides nothing."""
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=ncols, fontsize=6,
+              columnspacing=0.8, handlelength=1.5, handletextpad=0.2, borderpad=0.1)  # fmt: skip
+
+
+def draw_intervals(
+    ax: Axes,
+    series: dict[str, tuple[np.ndarray, ...]],
+    printed: tuple[Sequence[float], Sequence[float]] | None,
+    label: str,
+    log: bool = False,
+) -> None:
+    """Mean and 95 % interval against p: preset -> (p, mean, low, high), beside printed values."""
+    for i, (name, (p, mean, low, high)) in enumerate(series.items()):
+        shift = 0.006 * (i - 1)  # so that the bars do not hide each other
+        bars = np.array([mean - low, high - mean])
+        if log:
+            bars[0] = np.minimum(bars[0], 0.9 * mean)
+        ax.errorbar(
+            p + shift, mean, bars, fmt=PRESET_MARKERS[name] + "-", color=PRESET_COLOURS[name],
+            mfc="none", capsize=2, lw=0.8, label=f"preset {name}",
+        )  # fmt: skip
+    if printed is not None:
+        ax.plot(*printed, "s--", color=show.PRINTED, lw=0.8, label="printed")
+    if log:
+        ax.set_yscale("log")
+    ax.set(xlabel=WRONG_LABEL, ylabel=label)
+    legend_above(ax, ncols=4 if ax.figure.get_figwidth() > 3 else 2)

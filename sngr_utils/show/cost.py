@@ -1,0 +1,280 @@
+"""The tables and figures of notebook 04, and what it records."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from sngr_utils import parameters, report
+from sngr_utils.cost import ClosureCost, Config, Cost, compare_engines, grow, likelihood_seconds
+from sngr_utils.experiments import engine_bench, growth
+from sngr_utils.experiments.engine_bench import Performance, ratio
+from sngr_utils.experiments.growth import Growth
+from sngr_utils.metrics import standard_error
+from sngr_utils.sampling import importance
+from sngr_utils.sampling.settings import FastSettings
+from sngr_utils.show import style as show
+from sngr_utils.show.common import legend_above
+
+
+def two_mode_table(*, rng: np.random.Generator, runs: int = 40) -> pd.DataFrame:
+    """The fast path on the two-mode landmark of notebook 01, from one start and from many."""
+    rows = []
+    for n_starts in (1, FastSettings().n_starts):
+        masses, k_hats = engine_bench.two_mode_runs(n_starts, runs, rng=rng)
+        right = np.abs(masses - 0.5) < 0.1
+        content = k_hats <= importance.MAX_K_HAT
+        rows.append([
+            str(n_starts), f"{right.sum()} of {runs}", f"{(content & ~right).sum()} of {runs}",
+            report.mean_std(masses),
+        ])  # fmt: skip
+    columns = ["starts", "right", "wrong, k-hat content", "mass of the upper mode"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def saving_series(costs: dict[float, Cost]) -> dict[str, tuple[list[int], list[float]]]:
+    """Windows that fire and the saving, ours in calls and as printed, where anything fires."""
+    ours = [(int(cost.fired.sum()), cost.saving_calls) for cost in costs.values()]
+    printed = [report.printed_values()["cost"].get(p, {}) for p in costs]
+    was = [(row["triggered"], row["saving"]) for row in printed if row.get("saving")]
+    return {
+        name: ([n for n, _ in pairs], [saving for _, saving in pairs])
+        for name, pairs in (("ours", ours), ("printed", was))
+    }
+
+
+def per_window(costs: dict[float, Cost]) -> tuple[float, float]:
+    """Likelihood calls and CPU time of a window, [s], mean over all windows of all levels."""
+    n = sum(len(cost.calls) for cost in costs.values())
+    calls = sum(cost.exhaustive(cost.calls) for cost in costs.values()) / n
+    return calls, sum(cost.exhaustive(cost.seconds) for cost in costs.values()) / n
+
+
+def cost_table(costs: dict[float, Cost]) -> pd.DataFrame:
+    """tab:cost, printed beside ours: wall clocks (ours from one run on one machine) and savings."""
+    printed, t, rows = report.printed_values()["cost"], report.text, []
+    for p, cost in costs.items():
+        was = printed.get(p, {})
+        rows.append([
+            f"{p:g}", t(was.get("triggered"), "d"), str(int(cost.fired.sum())),
+            t(was.get("isam2")), t(cost.isam2_seconds, ".3f"),
+            t(was.get("refine"), "d"), t(cost.seconds[cost.fired].sum(), ".1f"),
+            t(was.get("exhaustive"), "d"), t(cost.exhaustive(cost.seconds), ".1f"),
+            t(was.get("saving"), ".1f"), t(cost.saving_seconds, ".1f"), t(cost.saving_calls, ".1f"),
+        ])  # fmt: skip
+    groups = ["triggered", "iSAM2 [s]", "refine [s]", "exhaustive [s]"]
+    heads = [("", "p")] + [(name, who) for name in groups for who in ("printed", "ours")]
+    heads += [("saving", who) for who in ("printed", "ours", "in calls")]
+    return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples(heads))
+
+
+def closure_table(costs: dict[float, Cost], closure: ClosureCost) -> pd.DataFrame:
+    """Time per likelihood call, and per window if all its calls cost that much."""
+    calls, seconds = per_window(costs)
+    t = report.text
+    rows = [
+        [name, str(n), t(1e6 * each, ".0f"), t(each / closure.seconds_window, ".1f"),
+         t(calls * each), t(100 * calls * each / seconds, ".0f")]
+        for name, n, each in (
+            ("closure, one by one", closure.all_factors, closure.seconds_loop),
+            ("closure, one call", closure.all_factors, closure.seconds_all),
+            ("touching factors, one call", closure.window_factors, closure.seconds_window),
+        )
+    ]  # fmt: skip
+    columns = ["likelihood", "factors", "µs per call", "ratio", "s per window", "% of ours"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def calls_table(costs: dict[float, Cost]) -> pd.DataFrame:
+    """Likelihood calls, which are the same on every machine."""
+    rows = [
+        [
+            f"{p:g}",
+            str(int(cost.fired.sum())),
+            report.text(cost.exhaustive(cost.calls) / len(cost.calls), ".0f"),
+            report.text(float(cost.calls[cost.fired].sum()), ".0f"),
+            report.text(cost.exhaustive(cost.calls), ".0f"),
+            report.text(cost.saving_calls, ".1f"),
+        ]
+        for p, cost in costs.items()
+    ]
+    columns = ["p", "triggered", "calls per window", "selective", "exhaustive", "saving"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def record(
+    config: Config, costs: dict[float, Cost], closure: ClosureCost, to: report.Report
+) -> None:
+    """Hand the costs to the paper, times apart from the rest."""
+    to.value("cost.seed", config.seed, ".0f")
+    to.value("cost.tau", config.tau)
+    first = min(costs)
+    to.value("cost.p_first", first, "g")
+    to.value("cost.saving_calls", costs[first].saving_calls, ".1f")
+    calls, seconds = per_window(costs)
+    n = sum(int(np.isfinite(cost.calls).sum()) for cost in costs.values())
+    to.value("cost.calls_per_window", calls, ".0f", n=n, within=50)
+    to.value("closure.all_factors", closure.all_factors, ".0f")
+    to.value("closure.window_factors", closure.window_factors, ".0f")
+    isam2 = np.mean([cost.isam2_seconds for cost in costs.values()])
+    in_likelihood = calls * closure.seconds_window / seconds
+    for key, value, fmt in (
+        ("cost.window_over_isam2", seconds / isam2, ".0f"),
+        ("cost.likelihood_share", 100 * in_likelihood, ".0f"),
+        ("closure.loop_over_window", closure.seconds_loop / closure.seconds_window, ".0f"),
+        ("closure.all_over_window", closure.seconds_all / closure.seconds_window, ".1f"),
+    ):
+        to.value(key, value, fmt, timing=True)
+    to.value("cost.isam2_seconds", isam2, ".3f", "s", timing=True)
+
+
+def record_engines(
+    performances: dict[str, engine_bench.Performance],
+    grown: growth.Growth,
+    fast: tuple[float, float],
+    to: report.Report,
+) -> None:
+    """Hand the comparison of the engines to the paper; `fast` is that of `exhaustive_fast`."""
+    keys = dict(zip(performances, (
+        "closure_loop", "window_loop", "one_call", "compiled_walk_few", "compiled_walk",
+        "nested_few", "nested", "fast",
+    ), strict=True))  # fmt: skip
+    for name, key in keys.items():
+        p, faster = performances[name], engine_bench.ratio(performances, name)
+        to.value(f"engine.{key}.ratio", faster, ".1f" if faster < 10 else ".0f", timing=True)
+        error = standard_error.standard_error(p.errors)
+        to.value(f"engine.{key}.bias", p.errors.mean(), ".3f", "nats", error, len(p.errors))
+    rms = float(np.sqrt(np.mean(performances["fast path"].errors ** 2)))
+    to.value("engine.fast.rms", rms, ".3f", "nats", n=len(performances["fast path"].errors),
+             within=0.005)  # fmt: skip
+    to.value("engine.fast_all_over_isam2", fast[0] / fast[1], ".1f", timing=True)
+    inverse, together, anew = (
+        grown.seconds[f"marginals, {how}"]
+        for how in ("selected inverse", "GTSAM", "GTSAM, asked anew for each window")
+    )
+    known = np.isfinite(together)
+    to.value("growth.shortest", grown.lengths[0], ".0f")
+    to.value("growth.longest_compared", grown.lengths[known][-1], ".0f")
+    to.value("growth.longest", grown.lengths[-1], ".0f")
+    for name, other in (("together", together), ("anew", anew)):
+        to.value(f"growth.{name}.first", other[0] / inverse[0], ".0f", timing=True)
+        last = (other / inverse)[known][-1]
+        order = 10.0 ** np.floor(np.log10(last)) if last > 1000 else last  # three windows' worth
+        to.value(f"growth.{name}.last", order, ".0f", timing=True)
+    to.value("growth.slope", grown.slope("marginals, selected inverse"), timing=True)
+
+
+def print_bench(config: Config) -> None:
+    """What ``make bench`` prints: speed and accuracy of the engines, growth of the marginals."""
+    performances = compare_engines(config)
+    print(speed_table(performances, likelihood_seconds(config)).to_string(index=False))
+    print()
+    print(accuracy_table(performances).to_string(index=False))
+    print()
+    print(growth_table(grow(config)).to_string(index=False))
+
+
+if __name__ == "__main__":
+    print_bench(Config(**parameters.read_params("04_cost")))
+
+
+def speed_table(performances: dict[str, Performance], per_call: float) -> pd.DataFrame:
+    """CPU time of a window and how many times faster than the loop, beside its calls alone.
+
+    Parameters
+    ----------
+    per_call : CPU time of one whole compiled likelihood, [s]; a sampler that ends a call early,
+        where the sum has passed its limit, needs less
+    """
+    rows = []
+    for name, p in performances.items():
+        seconds, calls = p.seconds.mean(), p.calls.mean()
+        faster = ratio(performances, name)
+        rows.append([
+            name,
+            report.text(faster, ".1f" if faster < 10 else ".0f"),
+            report.text(1e3 * seconds, ".0f" if seconds > 0.05 else ".1f"),
+            report.text(1e3 * calls * per_call, ".1f"),
+            report.text(calls, ".0f"),
+            report.text(p.ess.sum() / p.seconds.sum(), ".0f"),
+        ])
+    columns = ["engine", "ratio", "ms per window", "calls alone [ms]", "calls", "ESS per s"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def speed_series(
+    performances: dict[str, Performance], per_call: float
+) -> tuple[list[str], list[float], list[float]]:
+    """Names, measured time and limit, [ms], as `cost.draw_engines` takes them."""
+    measured = [1e3 * p.seconds.mean() for p in performances.values()]
+    limits = [1e3 * p.calls.mean() * per_call for p in performances.values()]
+    return list(performances), measured, limits
+
+
+def accuracy_table(performances: dict[str, Performance]) -> pd.DataFrame:
+    """What each engine gets wrong: bias of log Z, spread, mean, variances."""
+    rows = []
+    for name, p in performances.items():
+        error = standard_error.standard_error(p.errors)
+        rows.append([
+            name,
+            str(len(p.errors)),
+            f"{report.text(p.errors.mean(), '+.3f')} ± {report.text(error, '.3f')}",
+            report.text(float(np.sqrt(np.mean(p.errors**2))), ".3f"),
+            report.text(float(np.sqrt(np.mean(p.mean_errors**2))), ".2f"),
+            report.text(float(np.exp(np.mean(np.log(p.variance_ratios)))), ".2f"),
+        ])
+    columns = ["engine", "runs", "bias of log Z", "rms", "error of the mean", "variance ratio"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def growth_table(grown: Growth) -> pd.DataFrame:
+    """CPU time at every length, and the fitted slope of each row."""
+    rows = [
+        [name, *(report.text(1e3 * s, ".3g") for s in seconds), report.text(grown.slope(name))]
+        for name, seconds in grown.seconds.items()
+    ]
+    return pd.DataFrame(rows, columns=["ms", *(f"{n:,}" for n in grown.lengths), "slope"])
+
+
+def draw_saving(
+    ax: Axes, series: dict[str, tuple[Sequence[int], Sequence[float]]], total: int
+) -> None:
+    """Saving against the number of windows that fire, "ours" and "printed", with total / n."""
+    n = np.arange(1, total + 1)
+    ax.plot(n, total / n, "-", color=show.TRUTH, lw=0.6, label=f"{total} / n")
+    looks = {"ours": (show.SAMPLES, "o"), "printed": (show.PRINTED, "s")}
+    for name, (fired, saving) in series.items():
+        colour, marker = looks[name]
+        ax.plot(fired, saving, marker, color=colour, label=name)
+    ax.set(xlabel="windows that fire, n", ylabel="exhaustive / selective", ylim=(0, 10))
+    ax.legend()
+
+
+def draw_engines(
+    ax: Axes, names: Sequence[str], milliseconds: Sequence[float], limits: Sequence[float]
+) -> None:
+    """CPU time of a window per engine, log scale, with the time of its likelihood calls alone."""
+    y = np.arange(len(names))[::-1]
+    ax.hlines(y, limits, milliseconds, color=show.SAMPLES, lw=0.8)
+    ax.plot(milliseconds, y, "o", color=show.SAMPLES, label="measured")
+    ax.plot(limits, y, "|", color=show.TRUTH, ms=7, label="likelihood calls alone, compiled")
+    ax.set_xscale("log")
+    ax.set_yticks(y, names)
+    ax.set(xlabel="ms per window", ylim=(-0.6, len(names) - 0.4))
+    legend_above(ax, ncols=2)
+
+
+def draw_growth(ax: Axes, lengths: np.ndarray, seconds: dict[str, np.ndarray],
+                slopes: dict[str, float]) -> None:  # fmt: skip
+    """CPU time [s] against the number of poses, log-log, one line per method with its slope."""
+    looks = zip(
+        (show.ESTIMATE, show.PRINTED, show.TRIGGERED, show.LANDMARK, show.SAMPLES),
+        "os^vD", strict=True,
+    )  # fmt: skip
+    for (name, values), (colour, marker) in zip(seconds.items(), looks, strict=True):
+        label = f"{name}: slope {slopes[name]:.2f}"
+        ax.loglog(lengths, values, marker=marker, color=colour, label=label)
+    ax.set(xlabel="poses", ylabel="CPU time [s]")
+    ax.legend(loc="lower center", bbox_to_anchor=(0.45, 1.0), ncols=1)

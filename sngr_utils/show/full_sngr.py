@@ -1,0 +1,190 @@
+"""The tables and figures of notebook 03, and what it records."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from sngr_utils import report
+from sngr_utils.full_sngr import (
+    Config,
+    Refinement,
+    example_window,
+    mean_cost,
+    noop_mean_log_weights,
+)
+from sngr_utils.metrics import standard_error
+from sngr_utils.show import style as show
+from sngr_utils.show.common import legend_above
+from sngr_utils.show.style import PRESET_COLOURS, PRESET_MARKERS, WRONG_LABEL
+
+
+def rmse_series(levels: dict[float, Refinement]) -> dict[str, list[float]]:
+    """Pose RMSE [m] per level and method, with the printed values where the paper has them."""
+    printed = report.printed_values()["sngr"]
+    return {
+        "dead reckoning": [level.odometry_rmse for level in levels.values()],
+        "iSAM2": [level.baseline.pose_rmse for level in levels.values()],
+        "SNGR": [level.pose_rmse for level in levels.values()],
+        "SNGR as printed": [printed.get(p, {}).get("pose_rmse", np.nan) for p in levels],
+    }
+
+
+def per_window(
+    presets: dict[str, Refinement], what: str
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Preset -> (windows, their "delta_logp" [nats] or "ess_share")."""
+    chosen = {}
+    for name, level in presets.items():
+        values = level.gains if what == "delta_logp" else level.ess_shares
+        chosen[name] = (np.array([window.t for window in level.windows]), values)
+    return chosen
+
+
+def sngr_table(config: Config, levels: dict[float, Refinement]) -> pd.DataFrame:
+    """tab:sngr, printed beside ours, with the RMSE of iSAM2 before refinement."""
+    printed, t, rows = report.printed_values()["sngr"], report.text, []
+    for p, level in levels.items():
+        was, base = printed.get(p, {}), level.baseline
+        found = base.detection(config.tau)
+        rows.append([
+            f"{p:g}", t(base.pose_rmse), t(was.get("pose_rmse")), t(level.pose_rmse),
+            t(was.get("landmark_rmse")), t(base.landmark_rmse),
+            t(was.get("nees"), ".1f"), t(level.nees, ".1f"),
+            t(was.get("triggered"), "d"), str(found.triggered), str(level.accepted),
+            t(was.get("precision")), t(found.precision), t(was.get("recall")), t(found.recall),
+        ])  # fmt: skip
+    both = ("printed", "ours")
+    heads = [
+        ("", "p"), ("iSAM2 RMSE", "ours"),
+        *[(name, who) for name in ("SNGR RMSE", "landmark RMSE", "NEES", "triggered")
+          for who in both],
+        ("accepted", "ours"),
+        *[(name, who) for name in ("precision", "recall") for who in both],
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples(heads))
+
+
+def gain_table(levels: dict[float, Refinement]) -> pd.DataFrame:
+    """Gain of the refined windows, what the gate made of them, what the trajectory gained."""
+    rows = [[f"{p:g}", *_gain_cells(level, ".3f")] for p, level in levels.items()]
+    return pd.DataFrame(rows, columns=["p", *GAIN_COLUMNS])
+
+
+def preset_table(presets: dict[str, Refinement]) -> pd.DataFrame:
+    """The same under each preset, after what the paper prints for its own conventions.
+
+    One decimal: iSAM2's lazy relinearisation (A, C) turns rounding, which differs between
+    processors, into differences of hundredths of a nat.
+    """
+    low, high = report.printed_values()["diagnostics_p0.2"]["delta_logp_range"]
+    refined = report.printed_values()["sngr"][0.2]["triggered"]
+    gains = [report.text(low, ".1f"), report.NONE, report.text(high, ".1f")]
+    rows = [["printed", str(refined), report.NONE, *gains, report.NONE, report.NONE]]
+    for preset, level in presets.items():
+        rows.append([preset, *_gain_cells(level, ".1f"), report.text(level.baseline.pose_rmse)])
+    return pd.DataFrame(rows, columns=["preset", *GAIN_COLUMNS, "iSAM2 RMSE [m]"])
+
+
+GAIN_COLUMNS = ["refined", "accepted", "least Δ log p", "median", "largest", "RMSE change [mm]"]
+
+
+def _gain_cells(level: Refinement, fmt: str) -> list[str]:
+    gains = level.gains
+    spread = [report.NONE] * 3
+    if len(gains):
+        spread = [report.text(v, fmt) for v in (gains.min(), np.median(gains), gains.max())]
+    return [str(len(gains)), str(level.accepted), *spread, report.text(level.rmse_change, "+.0f")]
+
+
+def record(
+    config: Config,
+    levels: dict[float, Refinement],
+    presets: dict[str, Refinement],
+    to: report.Report,
+) -> None:
+    """Hand the pipeline's values to the paper."""
+    to.value("sngr.seed", config.seed, ".0f")
+    to.value("sngr.tau", config.tau)
+    to.value("sngr.p_diagnosed", config.p_diagnosed, "g")
+    window = example_window(config, levels[config.p_diagnosed])
+    to.value("sngr.mean_cost", mean_cost(window), ".3f", unit="nats")
+    for preset, level in presets.items():
+        to.value(f"sngr.refined.{preset}", len(level.windows), ".0f")
+        to.value(f"sngr.gain_median.{preset}", level.median_gain, ".1f", "nats", within=0.1)
+        to.value(f"sngr.gain_max.{preset}", level.largest_gain, ".1f", "nats", within=0.1)
+        to.value(f"sngr.rmse_change.{preset}", level.rmse_change, "+.0f", "mm", within=1)
+        # the gate is finer than the noise of what it judges: single windows may go either way
+        to.value(f"sngr.accepted.{preset}", level.accepted, ".0f", within=2)
+        to.value(f"sngr.isam2_rmse.{preset}", level.baseline.pose_rmse, unit="m")
+    most = max(levels)
+    to.value("sngr.p_most", most, "g")
+    to.value("sngr.rmse", levels[most].pose_rmse, unit="m")
+    to.value("sngr.isam2_rmse", levels[most].baseline.pose_rmse, unit="m")
+    to.value("sngr.odometry_rmse", levels[most].odometry_rmse, unit="m")
+    ess = np.concatenate([level.ess_shares for level in levels.values()])
+    to.value("sngr.ess_median", np.median(ess) if len(ess) else np.nan, n=len(ess))
+    weights = noop_mean_log_weights(config, levels[config.p_noop])
+    mean = weights.mean() if len(weights) else np.nan
+    error = standard_error.standard_error(weights) if len(weights) > 1 else None
+    to.value("noop.mean_log_weight", mean, ".0f", "nats", error, n=len(weights))
+
+
+def draw_gains(ax: Axes, presets: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
+    """Gain per window: name -> (windows (n,), delta log p (n,) [nats]); symmetric log scale."""
+    _draw_by_preset(ax, presets)
+    ax.axhline(0, color=show.TRUTH, lw=0.6, ls=":")
+    ax.set_yscale("symlog", linthresh=0.1)
+    ax.margins(y=0.1)
+    ax.set(xlabel="window", ylabel=r"$\Delta$ log p [nats]")
+    legend_above(ax)
+
+
+def draw_ess(ax: Axes, presets: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
+    """ESS per window as a share of the samples: name -> (windows (n,), shares (n,))."""
+    _draw_by_preset(ax, presets)
+    ax.set(xlabel="window", ylabel="ESS / samples", ylim=(0, 1))
+    legend_above(ax)
+
+
+def _draw_by_preset(ax: Axes, presets: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
+    for i, (name, (t, values)) in enumerate(presets.items()):
+        label = name if i else f"preset {name}"
+        ax.plot(
+            t, values, PRESET_MARKERS[name], color=PRESET_COLOURS[name], mfc="none", label=label
+        )
+
+
+def draw_window_samples(
+    ax: Axes, truth: np.ndarray, estimate: np.ndarray, samples: np.ndarray, mean: np.ndarray
+) -> None:
+    """Positions of a window's three poses: truth, iSAM2 and mean (3, 2), samples (N, 3, 2)."""
+    for i in range(len(truth)):
+        ax.plot(*samples[:, i].T, ".", color=show.SAMPLES, ms=1.5, alpha=0.5, zorder=1)
+        ax.plot(*np.transpose([estimate[i], truth[i]]), ":", color=show.TRUTH, lw=0.6)
+    ax.plot([], [], ".", color=show.SAMPLES, label="samples")
+    for points, marker, colour, name in (
+        (estimate, "o", show.ESTIMATE, "iSAM2"),
+        (mean, "x", show.TRIGGERED, "sample mean"),
+        (truth, "*", show.TRUTH, "truth"),
+    ):
+        ax.plot(*points.T, marker, color=colour, ms=5, mfc="none", label=name)
+    ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    ax.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+
+
+def draw_rmse(ax: Axes, p: Sequence[float], series: dict[str, Sequence[float]]) -> None:
+    """RMSE [m] against p, one line per method."""
+    looks = {
+        "dead reckoning": (show.TRUTH, ":", None),
+        "iSAM2": (show.ESTIMATE, "-", "o"),
+        "SNGR": (show.SAMPLES, "--", "x"),
+        "SNGR as printed": (show.PRINTED, "-", "s"),
+    }
+    for name, values in series.items():
+        colour, line, marker = looks[name]
+        ax.plot(p, values, ls=line, marker=marker, color=colour, ms=6, mfc="none", label=name)
+    ax.set(xlabel=WRONG_LABEL, ylabel="pose RMSE [m]")
+    ax.set_ylim(bottom=0)
+    legend_above(ax, ncols=4)

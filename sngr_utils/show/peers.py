@@ -1,0 +1,193 @@
+"""The tables and figures of notebook 07, and what it records."""
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.patches import Circle
+from matplotlib.ticker import NullFormatter
+
+from sngr_utils import report
+from sngr_utils.experiments import estimators
+from sngr_utils.metrics import summaries
+from sngr_utils.peers import Config
+from sngr_utils.show import style as show
+from sngr_utils.show.audit import interval
+
+LOST = 1.5  # times the oracle's RMSE, above which a run counts as lost
+t = report.text
+
+
+def from_grid(runs: pd.DataFrame) -> pd.DataFrame:
+    """Runs from the grid, and of the methods that bring their own start."""
+    return runs[runs["start"].isin(["grid", "none"])]
+
+
+def by_method(runs: pd.DataFrame, value: str, fmt: str = ".2f") -> pd.DataFrame:
+    """Mean and 95 % interval of a column from the grid, methods down and p across."""
+    table = summaries.summary(from_grid(runs), value, by=["method", "p"])
+    rows = [
+        [show.method_name(method), *(interval(row, fmt) for _, row in group.iterrows())]
+        for method, group in table.groupby("method", sort=False)
+    ]
+    return pd.DataFrame(rows, columns=["method", *(f"p = {p:g}" for p in table["p"].unique())])
+
+
+def start_table(runs: pd.DataFrame) -> pd.DataFrame:
+    """How many runs are lost from either start, at the levels that have both."""
+    other = runs[runs["start"] == "first_poses"]
+    levels, starts = list(dict.fromkeys(other["p"])), ("grid", "first_poses")
+    by = runs.assign(lost=runs["ratio"] > LOST).groupby(["method", "p", "start"])["lost"]
+    lost, n = by.sum(), by.size()
+    rows = [
+        [
+            show.method_name(method),
+            *(f"{lost[method, p, s]} of {n[method, p, s]}" for p in levels for s in starts),
+        ]
+        for method in dict.fromkeys(other["method"])
+    ]
+    heads = [(f"p = {p:g}", show.method_name(start)) for p in levels for start in starts]
+    return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples([("", "method"), *heads]))
+
+
+def test_table(runs: pd.DataFrame, best: str) -> pd.DataFrame:
+    """Every method against the best one and the oracle, at each p above zero.
+
+    The ratio to the oracle is the worst of all worlds; the difference from `best` is paired, in
+    millimetres, with the p-value of Wilcoxon's signed-rank test. On clean data some methods agree
+    to rounding, and a test of that tells nothing.
+    """
+    chosen = from_grid(runs[runs["p"] > 0])
+    levels = list(dict.fromkeys(chosen["p"]))
+    rows = []
+    for method in dict.fromkeys(chosen["method"]):
+        cells = [show.method_name(method)]
+        mine = chosen[chosen["method"] == method]
+        worst = mine.groupby("p", sort=False)["ratio"].max()
+        if method == best:
+            cells += [cell for p in levels for cell in (t(worst[p]), report.NONE, report.NONE)]
+        else:
+            tests = estimators.paired(runs, method, best).set_index("p")
+            for p in levels:
+                found = 1e3 * tests.loc[p, "mean"], tests.loc[p, "p_value"]
+                cells += [t(worst[p]), t(found[0], ".0f"), t(found[1], ".2g")]
+        rows.append(cells)
+    inner = ("worst ratio", "difference [mm]", "p-value")
+    heads = [(f"p = {p:g}", name) for p in levels for name in inner]
+    return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples([("", "method"), *heads]))
+
+
+def time_table(runs: pd.DataFrame) -> pd.DataFrame:
+    """Median CPU time per world, from the grid, without the grid itself, [ms]."""
+    times = 1e3 * from_grid(runs).groupby("method", sort=False)["seconds"].median()
+    rows = [[show.method_name(method), t(value, ".0f")] for method, value in times.items()]
+    return pd.DataFrame(rows, columns=["method", "CPU time [ms]"])
+
+
+def ratio_series(runs: pd.DataFrame) -> dict[float, tuple[list[str], np.ndarray]]:
+    """p -> names and (M, 3) mean, low, high of the ratio to the oracle, from the grid."""
+    table = summaries.summary(from_grid(runs), "ratio", by=["p", "method"])
+    return {
+        p: (
+            [show.method_name(m) for m in group["method"]],
+            group[["mean", "low", "high"]].to_numpy(),
+        )
+        for p, group in table.groupby("p", sort=False)
+    }
+
+
+MARKERS = "osD^v<>xP"
+
+
+def looks(names: list[str]) -> dict[str, tuple[str, str]]:
+    """Colour and dash of each curve; the quadratic loss has the colour of iSAM2, which uses it."""
+    dashes = ["-", "--", "-.", ":"]
+    return {
+        name: (show.ESTIMATE if i == 0 else show.SEQUENCE[(i - 1) % 6], dashes[i % 4])
+        for i, name in enumerate(names)
+    }
+
+
+def draw_curves(ax: Axes, x: np.ndarray, curves: dict[str, np.ndarray], **labels: str) -> None:
+    """Curves (name -> (N,)) over x, which keep their look from panel to panel."""
+    for (name, values), (colour, dash) in zip(
+        curves.items(), looks(list(curves)).values(), strict=True
+    ):
+        ax.plot(x, values, dash, color=colour, label=show.method_name(name))
+    ax.set(**labels)
+
+
+def legend_right(ax: Axes) -> None:
+    """A legend beside the panel, for panels that share it."""
+    ax.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+
+
+def draw_pull(
+    ax: Axes, ranges: np.ndarray, n_wrong: int, x: np.ndarray, costs: dict[str, np.ndarray]
+) -> None:
+    """Costs (name -> (N,)) of a distance, each over its own range, and the ranges they come from.
+
+    The last `n_wrong` of the (M,) ranges are another landmark's, [m].
+    """
+    draw_curves(ax, x, costs, xlabel="distance to the landmark [m]", ylabel="cost, scaled")
+    for given, colour in ((ranges[:-n_wrong], show.TRUTH), (ranges[-n_wrong:], show.TRIGGERED)):
+        ax.plot(given, np.full(len(given), -0.06), "|", color=colour, ms=6)
+    ax.margins(y=0.03)
+
+
+def draw_range(
+    ax: Axes, position: np.ndarray, distance: float, landmarks: np.ndarray, label: int, source: int
+) -> None:
+    """The circle of one range about its pose, and the (K, 2) landmarks that may be its source."""
+    ax.add_patch(Circle(position, distance, fill=False, color=show.ESTIMATE, lw=0.8))
+    ax.plot(*position, "o", color=show.ESTIMATE, label="pose")
+    ax.plot(*landmarks.T, "^", color=show.LANDMARK, label="landmarks")
+    for k, landmark in enumerate(landmarks):
+        ax.annotate(str(k), landmark, (2, 3), textcoords="offset points", fontsize=7)
+    ax.plot(*landmarks[label], "s", mfc="none", ms=8, color=show.TRIGGERED, label="label")
+    ax.plot(*landmarks[source], "o", mfc="none", ms=10, color=show.SAMPLES, label="source")
+    low, high = (f(np.vstack([landmarks, position]), axis=0) for f in (np.min, np.max))
+    ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    ax.set(xlim=(low[0] - 1, high[0] + 1), ylim=(low[1] - 1, high[1] + 1))
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=2)
+
+
+def draw_beliefs(ax: Axes, beliefs: dict[str, np.ndarray]) -> None:
+    """How much of a range each landmark gets: bars, one group for each of name -> (K,)."""
+    width = 0.8 / len(beliefs)
+    for i, (name, shares) in enumerate(beliefs.items()):
+        place = np.arange(len(shares)) + (i - (len(beliefs) - 1) / 2) * width
+        ax.bar(place, shares, width, color=show.SEQUENCE[i], label=show.method_name(name))
+    ax.set(xlabel="landmark", ylabel="share of the range", xticks=range(len(shares)))
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=2)
+
+
+def draw_ratios(ax: Axes, series: dict[float, tuple[list[str], np.ndarray]]) -> None:
+    """Ratio to the oracle, p -> names and (M, 3) mean, low, high: a row per method, log scale."""
+    for i, (p, (names, values)) in enumerate(series.items()):
+        rows = -np.arange(len(names)) + 0.18 * ((len(series) - 1) / 2 - i)
+        mean, low, high = values.T
+        bars = np.array([mean - np.maximum(low, 0.5 * mean), high - mean])
+        ax.errorbar(
+            mean, rows, xerr=bars, fmt=MARKERS[i], color=show.SEQUENCE[i], ms=2.5, lw=0.8,
+            label=f"p = {p:g}",
+        )  # fmt: skip
+    ax.axvline(1, color=show.TRUTH, lw=0.6)
+    ax.set(xscale="log", xlabel="pose RMSE over the oracle's", xticks=[1, 2, 5, 10, 20])
+    ax.set_yticks(-np.arange(len(names)), names)
+    ax.xaxis.set_major_formatter("{x:g}")
+    ax.xaxis.set_minor_formatter(NullFormatter())
+    ax.grid(axis="y", lw=0.3)
+    ax.legend(loc="lower center", bbox_to_anchor=(0.4, 1), ncols=len(series))
+
+
+def record(config: Config, runs: pd.DataFrame, to: report.Report) -> None:
+    """Hand on one number per world, and the shares and tests that the paper's text quotes."""
+    to.value("peers.n_seeds", config.n_seeds, ".0f")
+    for (method, start, p), rows in runs.groupby(["method", "start", "p"], sort=False):
+        here = f"peers.{method}.{start}.p{p:g}"
+        to.sample(f"{here}.rmse", rows["pose_rmse"], unit="m")
+        to.sample(f"{here}.ratio", rows["ratio"])
+        to.sample(f"{here}.nees", rows["nees"])
+        to.value(f"{here}.worst", rows["ratio"].max(), n=len(rows), within=0.5)
+        lost = 100 * (rows["ratio"] > LOST).mean()
+        to.value(f"{here}.lost", lost, ".0f", "%", n=len(rows), within=200 / len(rows))
