@@ -2,10 +2,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sngr_utils import association_aware, report
+from sngr_utils import association_aware
 from sngr_utils.experiments import estimators, online_variants
-from sngr_utils.show import association_aware as show_association_aware
-from sngr_utils.show import style as show_style
+from sngr_utils.publish import report
+from sngr_utils.show import association_aware as show
+from sngr_utils.show import style
 
 CONFIG = association_aware.Config(
     n_seeds=2,
@@ -33,13 +34,11 @@ def test_all_meet_the_same_worlds(runs):
 
 
 def test_tables_hold_what_the_frame_holds(runs):
-    goal = show_association_aware.goal_table(runs)
+    goal = show.goal_table(runs)
     ours = runs[(runs["method"] == online_variants.NAME) & (runs["p"] == 0.4)]
     assert goal.iloc[1]["online: ratio"] == f"{ours['ratio'].mean():.3f}"
-    assert (
-        len(show_association_aware.test_table(runs)) == runs["method"].nunique() - 2
-    )  # ours, the oracle
-    counts = show_association_aware.counts_table(runs, 14)
+    assert len(show.test_table(runs)) == runs["method"].nunique() - 2  # ours, the oracle
+    counts = show.counts_table(runs, 14)
     share = 100 * (ours["position samples"] + ours["landmark samples"]).mean() / 14
     assert counts.iloc[1]["nested sampling", "% of windows"] == f"{share:.1f}"
     asked = ours["landmark questions"].mean()
@@ -48,7 +47,7 @@ def test_tables_hold_what_the_frame_holds(runs):
 
 def test_p_values_are_those_of_the_paired_test_and_never_smaller(runs):
     """Of all tests the largest p-value is as it was (Benjamini and Hochberg)."""
-    table = show_association_aware.test_table(runs).set_index(("", "method"))
+    table = show.test_table(runs).set_index(("", "method"))
     (p,) = [p for p in dict.fromkeys(runs.loc[runs["method"] == "huber", "p"]) if p > 0]
     shown = table[f"p = {p:g}", "p-value"].astype(float)
     peers = [m for m in estimators.METHODS if m != "oracle"]
@@ -59,16 +58,14 @@ def test_p_values_are_those_of_the_paired_test_and_never_smaller(runs):
 
 
 def test_summary_draws_every_method(runs):
-    series = show_association_aware.summary_series(
-        runs, {online_variants.NAME: "association-aware SNGR"}
-    )
+    series = show.summary_series(runs, {online_variants.NAME: "association-aware SNGR"})
     assert len(series) == runs["method"].nunique() - 1
-    assert set(show_association_aware.NAMED) <= set(series)
-    _, ax = show_style.figure()
-    show_association_aware.draw_summary(ax, series)
-    assert len(ax.containers) == len(show_association_aware.NAMED)
-    grey = len(series) - len(show_association_aware.NAMED)
-    assert show_association_aware.FORGETTING.startswith({7: "seven", 8: "eight", 9: "nine"}[grey])
+    assert set(show.NAMED) <= set(series)
+    _, ax = style.figure()
+    show.draw_summary(ax, series)
+    assert len(ax.containers) == len(show.NAMED)
+    grey = len(series) - len(show.NAMED)
+    assert show.FORGETTING.startswith({7: "seven", 8: "eight", 9: "nine"}[grey])
 
 
 def test_few_poses_are_many_places_and_more_are_one():
@@ -83,7 +80,7 @@ def test_what_is_recorded_is_what_was_run(runs, tmp_path):
         runs[runs["method"] == online_variants.NAME].assign(nets=nets) for nets in (True, False)
     ])
     paper = report.Report("08_association_aware", tmp_path)
-    show_association_aware.record(CONFIG, runs, ablation, slips, paper)
+    show.record(CONFIG, runs, ablation, slips, paper)
     paper.save()
     handed = report.entries(report.read_json(tmp_path / "08_association_aware.json"))
     ours = runs[(runs["method"] == online_variants.NAME) & (runs["p"] == 0.4)]

@@ -3,8 +3,9 @@ import pandas as pd
 import pytest
 from ruamel.yaml import YAML
 
-from sngr_utils import audit, claims, parameters, paths, report
+from sngr_utils import audit, paths
 from sngr_utils.experiments import isam2_over_worlds, sampler_numbers
+from sngr_utils.publish import claims, parameters, report
 from sngr_utils.show import audit as show
 from sngr_utils.slam import conventions
 from sngr_utils.sngr import noop_baseline

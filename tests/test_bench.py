@@ -2,8 +2,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from sngr_utils import cost, report
+from sngr_utils import cost
 from sngr_utils.experiments import engine_bench, growth
+from sngr_utils.publish import report
 from sngr_utils.sampling import settings
 from sngr_utils.show import cost as show
 from sngr_utils.slam import conventions

@@ -5,7 +5,8 @@ import re
 import nbformat
 import pytest
 
-from sngr_utils import parameters, paths
+from sngr_utils import paths
+from sngr_utils.publish import parameters
 
 NAMES = sorted(path.stem for path in paths.NOTEBOOKS.glob("*.ipynb"))
 

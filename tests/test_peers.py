@@ -2,10 +2,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from sngr_utils import parameters, paths, peers, report
+from sngr_utils import paths, peers
 from sngr_utils.experiments import estimators
-from sngr_utils.show import peers as show_peers
-from sngr_utils.show import style as show_style
+from sngr_utils.publish import cells, parameters, report
+from sngr_utils.show import peers as show
+from sngr_utils.show import style
 
 
 @pytest.fixture(scope="module")
@@ -59,32 +60,32 @@ def test_the_ambiguous_range_is_shared_by_probabilities(quick):
 
 def test_peer_tables_figures_and_values(quick, runs, tmp_path):
     n_methods, n_levels = len(estimators.METHODS), len(quick.p_levels)
-    assert show_peers.by_method(runs, "ratio").shape == (n_methods, 1 + n_levels)
-    assert show_peers.start_table(runs).shape == (
+    assert show.by_method(runs, "ratio").shape == (n_methods, 1 + n_levels)
+    assert show.start_table(runs).shape == (
         n_methods - len(estimators.WITHOUT_START),
         1 + 2 * len(quick.p_starts),
     )
-    table = show_peers.test_table(runs, peers.BEST)
+    table = show.test_table(runs, peers.BEST)
     assert table.shape == (n_methods, 1 + 3)  # one level above zero
-    assert (table.iloc[:, 2] == report.NONE).sum() == 1
-    assert len(show_peers.time_table(runs)) == n_methods
+    assert (table.iloc[:, 2] == cells.NONE).sum() == 1
+    assert len(show.time_table(runs)) == n_methods
     to = report.Report("x", tmp_path)
-    show_peers.record(quick, runs, to)
+    show.record(quick, runs, to)
     to.save()
     saved = report.entries(report.read_json(tmp_path / "x.json"))
     assert saved["peers.oracle.grid.p0.4.ratio"]["value"] == 1
     assert saved["peers.em.first_poses.p0.4.lost"]["unit"] == "%"
-    show_style.use_style()
+    style.use_style()
     one = peers.ambiguous(quick)
     x = np.linspace(2, 4, 11)
-    fig, axes = show_style.panels(10, 2.5, 5)
+    fig, axes = style.panels(10, 2.5, 5)
     ranges, costs = peers.pull(quick, x)
-    show_peers.draw_pull(axes[0], ranges, peers.N_WRONG, x, costs)
-    show_peers.draw_curves(axes[1], x, costs, xlabel="x")
-    show_peers.legend_right(axes[1])
-    show_peers.draw_range(axes[2], one.position, one.distance, one.landmarks, one.label, one.source)
-    show_peers.draw_beliefs(axes[3], one.beliefs)
-    show_peers.draw_ratios(axes[4], show_peers.ratio_series(runs))
+    show.draw_pull(axes[0], ranges, peers.N_WRONG, x, costs)
+    show.draw_curves(axes[1], x, costs, xlabel="x")
+    show.legend_right(axes[1])
+    show.draw_range(axes[2], one.position, one.distance, one.landmarks, one.label, one.source)
+    show.draw_beliefs(axes[3], one.beliefs)
+    show.draw_ratios(axes[4], show.ratio_series(runs))
     to.figure(fig, "all")
     plt.close(fig)
 

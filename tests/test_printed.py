@@ -2,8 +2,8 @@
 
 import pytest
 
-from sngr_utils import printed, report
-from sngr_utils.contradictions import contradictions
+from sngr_utils.publish import printed, report
+from sngr_utils.publish.contradictions import contradictions
 
 
 @pytest.fixture

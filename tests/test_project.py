@@ -8,7 +8,8 @@ import tomllib
 
 import pytest
 
-from sngr_utils import dependencies, paths
+from sngr_utils import paths
+from sngr_utils.publish import dependencies
 
 TRACKED = subprocess.run(
     ["git", "ls-files", "-z"], cwd=paths.ROOT, capture_output=True, text=True, check=True

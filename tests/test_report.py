@@ -4,8 +4,8 @@ import matplotlib.pyplot as plt
 import pandas as pd
 import pytest
 
-from sngr_utils import report
 from sngr_utils.metrics import standard_error
+from sngr_utils.publish import cells, latex, report
 
 
 @pytest.mark.parametrize(
@@ -15,11 +15,11 @@ from sngr_utils.metrics import standard_error
      (0.3, "g", "0.3")],
 )  # fmt: skip
 def test_text(value, fmt, shown):
-    assert report.text(value, fmt) == shown
+    assert cells.text(value, fmt) == shown
 
 
 def test_spread_of_few_values():
-    assert report.mean_std([1.0, 3.0]) == "2.00 ± 1.41"
+    assert cells.mean_std([1.0, 3.0]) == "2.00 ± 1.41"
     assert standard_error.standard_error([1.0, 3.0]) == pytest.approx(1.0)
     assert math.isnan(standard_error.standard_error([1.0]))
 
@@ -34,7 +34,7 @@ def test_spread_of_few_values():
     ],
 )
 def test_latex_value(entry, tex):
-    assert report.latex_value(entry) == tex
+    assert latex.latex_value(entry) == tex
 
 
 def test_from_a_report_to_latex(tmp_path):
@@ -51,7 +51,7 @@ def test_from_a_report_to_latex(tmp_path):
     assert result["figures"] == ["05_x_f.pdf"]
     assert "t" not in result["values"]  # wall clocks live in a file of their own
     timings = report.read_json(tmp_path / "out/05_x.timings.json")
-    files = report.latex([result], [timings])
+    files = latex.latex([result], [timings])
     assert r"\csname res@a.b\endcsname{1.2 $\pm$ 0.5~m}" in files["values.tex"]
     assert r"\csname res@t\endcsname{3.00}" in files["timings.tex"]
     table = files["tab_x.tex"]
@@ -61,7 +61,7 @@ def test_from_a_report_to_latex(tmp_path):
         clash = {"notebook": "06", "values": {}, "tables": {}}
         clash[key] = result[key]
         with pytest.raises(ValueError, match="already taken"):
-            report.latex([result, clash])
+            latex.latex([result, clash])
 
 
 def test_figures_are_the_same_bytes_each_time(tmp_path):
@@ -90,10 +90,10 @@ def test_a_sample_keeps_its_worlds_and_prints_its_mean(tmp_path):
     assert result["samples"]["s"]["sample"] == [1.0, 3.0, None]
     assert "[ 1.0, 3.0, null ]" in path.read_text()  # on one line
     assert result["samples"]["s"]["n"] == 3
-    assert r"\csname res@s\endcsname{2.00 $\pm$ 1.00~m}" in report.latex([result])["values.tex"]
+    assert r"\csname res@s\endcsname{2.00 $\pm$ 1.00~m}" in latex.latex([result])["values.tex"]
     result["values"]["s"] = result["samples"]["s"]
     with pytest.raises(ValueError, match="already taken"):
-        report.latex([result])
+        latex.latex([result])
     del result["values"]["s"], result["samples"]  # a result from before there were samples
     assert report.entries(result) == {}
-    assert report.latex([result])["values.tex"] == "\n"
+    assert latex.latex([result])["values.tex"] == "\n"

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from sngr_utils import rules
-from sngr_utils.printed import number, ratio
+from sngr_utils.publish import rules
+from sngr_utils.publish.printed import number, ratio
 
 
 def exact(value):

@@ -15,7 +15,8 @@ import pytest
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 
 import sngr_utils
-from sngr_utils import claims, dependencies, parameters, paths, printed, report, run
+from sngr_utils import paths
+from sngr_utils.publish import claims, dependencies, parameters, printed, report, run
 
 NAME = "01_bimodal"
 CLAIMS = f"""

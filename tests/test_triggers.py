@@ -4,10 +4,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from sngr_utils import parameters, paths, report, triggers
+from sngr_utils import paths, triggers
 from sngr_utils.detection import scores
-from sngr_utils.show import style as show_style
-from sngr_utils.show import triggers as show_triggers
+from sngr_utils.publish import parameters, report
+from sngr_utils.show import style
+from sngr_utils.show import triggers as show
 
 
 @pytest.fixture(scope="module")
@@ -42,24 +43,24 @@ def test_tables_and_what_is_handed_on(config, study, tmp_path):
     clean, decided = triggers.levels(study, rng=rng), triggers.decisions(study, rng=rng)
     failed, wrong = (triggers.rankings(study, x, rng=rng) for x in ("failed", "contaminated"))
     cases, scenarios = 3, 8
-    assert show_triggers.level_table(clean).shape == (scenarios, 2 + len(scores.SCORES))
+    assert show.level_table(clean).shape == (scenarios, 2 + len(scores.SCORES))
     for table, column in ((failed, "auc"), (wrong, "precision"), (failed, "within")):
-        assert show_triggers.case_table(table, column).shape == (
+        assert show.case_table(table, column).shape == (
             2 + len(scores.SCORES),
             1 + cases,
         )
-    assert len(show_triggers.case_table(decided, "mcc")) == 1 + len(scores.SCORES)
+    assert len(show.case_table(decided, "mcc")) == 1 + len(scores.SCORES)
     every = triggers.EVERY_P
-    whole = show_triggers.summary_table(failed, wrong, decided, clean, every)
+    whole = show.summary_table(failed, wrong, decided, clean, every)
     assert whole.shape == (len(scores.SCORES), 6)
     claims = triggers.claims(study, config, rng=rng)
-    assert len(show_triggers.claims_table(claims, config.tau)) == 4 * 2
-    assert len(show_triggers.shifted_table(*triggers.shifted(study, rng=rng))) == scenarios - 1
-    assert len(show_triggers.null_table(triggers.run_null(config))) == 2 * 2
+    assert len(show.claims_table(claims, config.tau)) == 4 * 2
+    assert len(show.shifted_table(*triggers.shifted(study, rng=rng))) == scenarios - 1
+    assert len(show.null_table(triggers.run_null(config))) == 2 * 2
     rows = triggers.calibration_rows(study, config, rng=rng)
-    assert len(show_triggers.calibration_table(rows)) == 5
+    assert len(show.calibration_table(rows)) == 5
     to = report.Report("06_triggers", tmp_path)
-    show_triggers.record(failed, wrong, decided, clean, to)
+    show.record(failed, wrong, decided, clean, to)
     to.save()
     values = report.read_json(tmp_path / "06_triggers.json")["values"]
     for key in ("auc.failed.disagreement.all_p", "auc.contaminated.chi_square_robust.p0.2",
@@ -72,18 +73,16 @@ def test_figures_show_what_they_are_given(config, study):
     rng, shown = np.random.default_rng(0), triggers.run_shown(config)
     assert shown["wrong"].sum() > 0
     assert ((shown["wrong"] > 0) == shown["contaminated"]).all()
-    fig, axes = show_style.panels(7, 3, 5)
+    fig, axes = style.panels(7, 3, 5)
     panels = {"condition": ("score", 4.0), "disagreement": ("[m]", 0.5)}
-    show_triggers.draw_along(axes[:2], shown, panels)
+    show.draw_along(axes[:2], shown, panels)
     assert np.array_equal(axes[1].lines[0].get_ydata(), shown["disagreement"])
-    show_triggers.draw_states(axes[2], study.rows, (1.3, 0.5))
+    show.draw_states(axes[2], study.rows, (1.3, 0.5))
     assert sum(len(line.get_xdata()) for line in axes[2].lines[:3]) == len(study.rows)
     laws = {"a": study.rows["naive"].to_numpy(), "b": study.rows["chi_square"].to_numpy()}
-    show_triggers.draw_p_values(axes[3], laws)
+    show.draw_p_values(axes[3], laws)
     found = triggers.rankings(study, "failed", rng=rng)
-    show_triggers.draw_aucs(
-        axes[4], show_triggers.auc_series(found, ["condition", "disagreement"]), "x", True
-    )
+    show.draw_aucs(axes[4], show.auc_series(found, ["condition", "disagreement"]), "x", True)
     plt.close(fig)
 
 

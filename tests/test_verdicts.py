@@ -6,16 +6,16 @@ import re
 import numpy as np
 import pytest
 
-from sngr_utils import (
+from sngr_utils import paths
+from sngr_utils.publish import (
     claims,
     contradictions,
+    judge,
+    latex,
     parameters,
-    paths,
     printed,
-    report,
     rules,
     verdict_tables,
-    verdicts,
 )
 from sngr_utils.slam import conventions
 
@@ -51,7 +51,7 @@ def results():
 
 
 def row(results, claim, preset=None):
-    (found,) = [row for row in verdicts.evaluate(results, preset) if row.id == claim]
+    (found,) = [row for row in judge.evaluate(results, preset) if row.id == claim]
     return found
 
 
@@ -95,12 +95,12 @@ def test_the_cell_that_decides_exists():
 
 
 def test_each_row_has_a_verdict_of_the_five(results):
-    rows = verdicts.evaluate(results)
+    rows = judge.evaluate(results)
     assert {row.verdict for row in rows} <= set(rules.VERDICTS)
-    total = sum(sum(verdicts.counts(rows, kind).values()) for kind in ("number", "prose"))
+    total = sum(sum(judge.counts(rows, kind).values()) for kind in ("number", "prose"))
     assert total == len(rows) == len(printed.leaves()) + len(claims.read().prose)
     assert len({row.id for row in rows}) == len(rows)
-    assert verdicts.counts(rows, "number")["not comparable"] == 4  # the clock alone
+    assert judge.counts(rows, "number")["not comparable"] == 4  # the clock alone
 
 
 def test_verdicts_follow_the_results(results):
@@ -182,31 +182,31 @@ def test_prose_is_judged_world_by_world(results):
     ],
 )  # fmt: skip
 def test_each_rule_gives_its_verdict_and_what_decides(rule, given, text, verdict, why):
-    found = verdicts._number_verdict(rule, {"x": given}, "x", printed.number(text))
+    found = judge._number_verdict(rule, {"x": given}, "x", printed.number(text))
     assert found == (verdict, why)
 
 
 def test_ours_is_a_mean_with_its_error_to_the_digits_that_are_printed():
     shown = sample([1.0, 2.0, 6.0, math.nan])
     shown["standard_error"] = 1.52752
-    assert verdicts._ours(shown, 3) == ("3.000 ± 1.528", "3 of 4", 3.0)
-    assert verdicts._ours(shown, 0) == ("3.0 ± 1.5", "3 of 4", 3.0)  # a mean of counts is no count
-    assert verdicts._ours(sample([2.0, 2.0]), 1) == ("2.0 ± 0.0", "2", 2.0)
+    assert judge._ours(shown, 3) == ("3.000 ± 1.528", "3 of 4", 3.0)
+    assert judge._ours(shown, 0) == ("3.0 ± 1.5", "3 of 4", 3.0)  # a mean of counts is no count
+    assert judge._ours(sample([2.0, 2.0]), 1) == ("2.0 ± 0.0", "2", 2.0)
     single = {"value": 5.25, "n": 7, "standard_error": None}
-    assert verdicts._ours(single, 0) == ("5", "7", 5.25)
-    assert verdicts._ours({"value": None, "n": 0}, 2) == ("–", "0", None)
+    assert judge._ours(single, 0) == ("5", "7", 5.25)
+    assert judge._ours({"value": None, "n": 0}, 2) == ("–", "0", None)
 
 
 def test_spread_is_that_of_the_sample_with_the_error_a_gaussian_has():
     """Of n - 1 degrees of freedom s has a standard error of s / sqrt(2 n - 2)."""
     given = sample([1.0, 3.0, 5.0, math.nan])
-    found = verdicts._spread(given)
+    found = judge._spread(given)
     assert (found["value"], found["standard_error"]) == pytest.approx((2.0, 1.0))
     assert found["sample"] == given["sample"]
     for few in ([1.0], [math.nan, 2.0], [math.nan]):
-        found = verdicts._spread({"sample": [None if math.isnan(x) else x for x in few]})
+        found = judge._spread({"sample": [None if math.isnan(x) else x for x in few]})
         assert (found["value"], found["standard_error"]) == (None, None)
-    two = verdicts._spread(sample([1.0, 3.0]))
+    two = judge._spread(sample([1.0, 3.0]))
     assert (two["value"], two["standard_error"]) == pytest.approx((math.sqrt(2), 1.0))
 
 
@@ -224,7 +224,7 @@ def test_rows_of_a_series():
     shares = {"0": 0.36, "0.1": 148.52, "0.2": 2.0, "0.3": 3.0, "0.4": 4.0}
     results = {f"x.{p}": sample(np.full(N, mean)) for p, mean in shares.items()}
     clash = contradictions.Contradiction((("baseline", "0.3", "nees"),), "made", "cannot be")
-    rows = list(verdicts._numbers(entry, results, "C", [clash]))
+    rows = list(judge._numbers(entry, results, "C", [clash]))
     assert [row.id for row in rows] == [f"made.p{p}" for p in ("0.0", "0.1", "0.2", "0.3", "0.4")]
     assert [row.verdict for row in rows] == [
         "reproduced", "reproduced", "trend reproduced", "cannot hold", "trend reproduced"
@@ -237,7 +237,7 @@ def test_rows_of_a_series():
     )  # fmt: skip
     assert (first.rule, first.notebook, first.cell) == ("one_world", "05_audit", "claim")
     results["x.0.4"] = results["x.0"]  # no trend any more
-    assert [row.verdict for row in verdicts._numbers(entry, results, "C", [])][2:] == [
+    assert [row.verdict for row in judge._numbers(entry, results, "C", [])][2:] == [
         "not reproduced"
     ] * 3
 
@@ -249,10 +249,10 @@ def test_a_trend_is_that_between_the_levels_at_which_a_number_is_printed():
     results["x.0.2"] = sample(np.linspace(0, 1, N) + 3)
     results["x.0.4"] = sample(np.linspace(0, 1, N) + 2)
     results |= {f"x.{p}": sample(np.full(N, 9.0)) for p in ("0", "0.1")}
-    assert verdicts._has_trend(entry, results, "C")
-    assert not verdicts._has_trend(number_entry(trend="rises"), results, "C")
+    assert judge._has_trend(entry, results, "C")
+    assert not judge._has_trend(number_entry(trend="rises"), results, "C")
     results["x.0.4"] = sample(np.linspace(0, 1, N) + 4)
-    assert not verdicts._has_trend(entry, results, "C")
+    assert not judge._has_trend(entry, results, "C")
 
 
 def test_a_ratio_is_shown_beside_what_is_printed():
@@ -260,7 +260,7 @@ def test_a_ratio_is_shown_beside_what_is_printed():
         printed="cost/{p}/refine", ratio=("cost/{p}/exhaustive", "cost/{p}/refine"), per=2.0
     )
     results = {f"x.{p}": sample(np.full(N, 3.8)) for p in ("0", "0.1", "0.2", "0.3")}
-    first, second = list(verdicts._numbers(entry, results, "C", []))[:2]
+    first, second = list(judge._numbers(entry, results, "C", []))[:2]
     assert (first.printed, first.verdict) == ("44 (3.82)", "reproduced")  # 336 / 44 / 2
     assert first.values[0] == pytest.approx(336 / 88)
     assert (second.printed, second.values[0]) == ("0", None)
@@ -271,7 +271,7 @@ def test_a_printed_spread_is_compared_with_a_spread():
     entry = number_entry(printed="baseline/{p}/rmse_std", rule="std_of_five")
     worlds = sample(np.arange(30.0))
     results = {f"x.{p}": worlds for p in ("0", "0.1", "0.2", "0.3", "0.4")}
-    first = next(verdicts._numbers(entry, results, "C", []))
+    first = next(judge._numbers(entry, results, "C", []))
     spread = math.sqrt(30 * 31 / 12)
     assert first.values == (0.06, pytest.approx(spread))
     assert first.ours == f"{spread:.2f} ± {spread / math.sqrt(58):.2f}"
@@ -287,7 +287,7 @@ def prose(**changes):
 
 
 def judged(entry, results, clashes=()):
-    (found,) = verdicts._prose(entry, results, "C", list(clashes))
+    (found,) = judge._prose(entry, results, "C", list(clashes))
     return found
 
 
@@ -303,13 +303,13 @@ def judged(entry, results, clashes=()):
 )
 def test_bounds_of_a_claim_are_open_above_and_closed_elsewhere(bounds, expected):
     results = {"x": sample([-2.0, 1.0, 2.0, 3.0])}
-    assert verdicts.claim_holds(prose(**bounds), results, "C").tolist() == expected
+    assert judge.claim_holds(prose(**bounds), results, "C").tolist() == expected
 
 
 def test_claims_about_differences_are_relative_where_they_say_so():
     results = {"x": sample([3.0, 1.0, 2.0]), "y": sample([2.0, 2.0, math.nan])}
     holds = [
-        verdicts.claim_holds(prose(minus="y", relative=relative, at_most=0.5), results, "C")
+        judge.claim_holds(prose(minus="y", relative=relative, at_most=0.5), results, "C")
         for relative in (False, True)
     ]
     assert [found.tolist() for found in holds] == [[False, True], [True, True]]
@@ -321,7 +321,7 @@ def test_a_claim_at_several_levels_holds_in_a_world_where_it_holds_at_all_that_a
         "x0.2": sample([1.0, -1.0, 1.0, math.nan]),
     }
     entry = prose(ours="x{p}", p=["0.1", "0.2"], above=0.0)
-    assert verdicts.claim_holds(entry, results, "C").tolist() == [True, False, True]
+    assert judge.claim_holds(entry, results, "C").tolist() == [True, False, True]
 
 
 def test_a_share_is_shown_with_its_interval_and_without_worlds_as_nothing():
@@ -385,21 +385,21 @@ def test_the_reading_is_that_of_the_yaml_and_the_others_differ(results):
 def test_missing_results_are_named(results):
     del results["audit.C.p0.1.nees"]
     with pytest.raises(parameters.ProjectError, match=r"'audit\.C\.p0\.1\.nees', which no note"):
-        verdicts.evaluate(results)
+        judge.evaluate(results)
     results["audit.C.p0.1.nees"] = sample(np.ones(19))
     with pytest.raises(parameters.ProjectError, match=r"claim 'nees': 19 worlds"):
-        verdicts.evaluate(results)
+        judge.evaluate(results)
     results["audit.C.p0.1.nees"] = value(1.0)
     with pytest.raises(parameters.ProjectError, match="must be a sample"):
-        verdicts.evaluate(results)
+        judge.evaluate(results)
 
 
 def test_tables_for_latex(results):
     judged = verdict_tables.judged(results)
     made = verdict_tables.result(judged)
-    files = report.latex([made])
+    files = latex.latex([made])
     rows = judged["C"]
-    n = verdicts.counts(rows, "number")["reproduced"]
+    n = judge.counts(rows, "number")["reproduced"]
     assert rf"res@claims.numbers.reproduced\endcsname{{{n}}}" in files["values.tex"]
     assert made["values"]["claims.numbers.total"]["value"] == len(printed.leaves())
     tally = np.array([line[6:] for line in made["tables"]["claims_groups"]["rows"]], dtype=int)

@@ -2,7 +2,8 @@ import math
 
 import pytest
 
-from sngr_utils import bimodal, parameters, paths, report, trigger_sweep, verdict_tables, verify
+from sngr_utils import bimodal, paths, trigger_sweep
+from sngr_utils.publish import parameters, report, verdict_tables, verify
 from sngr_utils.show import bimodal as show_bimodal
 from sngr_utils.show import trigger_sweep as show_trigger_sweep
 

@@ -9,16 +9,17 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
 from scipy.stats import false_discovery_control
 
-from sngr_utils import report
 from sngr_utils.association_aware import Config
 from sngr_utils.experiments import estimators, online_variants
 from sngr_utils.experiments.estimators import BATCH
 from sngr_utils.metrics import summaries
-from sngr_utils.show import style as show
+from sngr_utils.publish import report
+from sngr_utils.publish.cells import text
+from sngr_utils.show import style
 from sngr_utils.sngr import windows
 
 LOST = 1.5  # times the oracle's RMSE, above which a run counts as lost
-t = report.text
+t = text
 
 
 def summary_series(
@@ -32,7 +33,7 @@ def summary_series(
     """
     table = summaries.summary(runs[runs["method"] != "oracle"], "ratio", by=["method", "p"])
     return {
-        names.get(method, show.method_name(method)): (
+        names.get(method, style.method_name(method)): (
             group["p"].to_numpy(), group[["mean", "low", "high"]].to_numpy()
         )
         for method, group in table.groupby("method", sort=False)
@@ -78,7 +79,7 @@ def test_table(runs: pd.DataFrame) -> pd.DataFrame:
             for p, value in zip(levels, values, strict=True)
             for cell in (t(means[method, p]), t(value, ".1g"))
         ]
-        rows.append([show.method_name(method), *cells])
+        rows.append([style.method_name(method), *cells])
     heads = [(f"p = {p:g}", name) for p in levels for name in ("ratio", "p-value")]
     return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples([("", "method"), *heads]))
 
@@ -133,7 +134,7 @@ def slip_table(runs: pd.DataFrame) -> pd.DataFrame:
     for method, group in runs.groupby("method", sort=False):
         lost = int((group["ratio"] > LOST).sum())
         rows.append([
-            show.method_name(method), t(group["pose_rmse"].mean()), t(group["pose_rmse"].max()),
+            style.method_name(method), t(group["pose_rmse"].mean()), t(group["pose_rmse"].max()),
             t(group["ratio"].median()), t(group["ratio"].max()), f"{lost} of {len(group)}",
         ])  # fmt: skip
     heads = ["method", "RMSE [m]", "worst [m]", "median ratio", "worst ratio", "lost"]
@@ -152,16 +153,16 @@ def time_table(runs: pd.DataFrame) -> pd.DataFrame:
 
 # what `draw_summary` shows by name -> colour, dash, width, marker; all others are one grey band
 NAMED = {
-    "SNGR": (show.TRIGGERED, "-", 0.9, "x"),
-    "iSAM2": (show.ESTIMATE, "--", 0.9, "o"),
-    "least squares": (show.LANDMARK, "-", 0.9, "s"),
-    "dead reckoning": (show.TRUTH, ":", 0.9, None),
-    "Huber": (show.PRIOR, "-", 0.9, "D"),
-    "FastSLAM": (show.SEQUENCE[0], "-", 0.9, "^"),
-    "max-mixture, all": (show.PRIOR, "--", 0.9, "v"),
-    "EM": (show.SEQUENCE[0], "--", 0.9, "+"),
-    "EM, exclusive": (show.TRUTH, "--", 1.4, None),
-    "association-aware SNGR": (show.SAMPLES, "-", 2.4, None),
+    "SNGR": (style.TRIGGERED, "-", 0.9, "x"),
+    "iSAM2": (style.ESTIMATE, "--", 0.9, "o"),
+    "least squares": (style.LANDMARK, "-", 0.9, "s"),
+    "dead reckoning": (style.TRUTH, ":", 0.9, None),
+    "Huber": (style.PRIOR, "-", 0.9, "D"),
+    "FastSLAM": (style.SEQUENCE[0], "-", 0.9, "^"),
+    "max-mixture, all": (style.PRIOR, "--", 0.9, "v"),
+    "EM": (style.SEQUENCE[0], "--", 0.9, "+"),
+    "EM, exclusive": (style.TRUTH, "--", 1.4, None),
+    "association-aware SNGR": (style.SAMPLES, "-", 2.4, None),
 }
 FORGETTING = "seven that forget"  # redescending losses, switches, max-mixture with a null
 
@@ -173,21 +174,21 @@ def draw_frame(ax: Axes, frame) -> None:
     label's, orange if it was swapped; red and dotted to its label's if it is credited to none.
     """
     for cloud in frame.clouds.values():
-        ax.plot(*cloud.T, ".", ms=0.8, color=show.PRIOR, alpha=0.4)
+        ax.plot(*cloud.T, ".", ms=0.8, color=style.PRIOR, alpha=0.4)
     ax.plot(*frame.truth.T, "-", lw=2.5, color="0.8")
-    ax.plot(*frame.plain.T, ":", color=show.ESTIMATE)
-    ax.plot(*frame.poses.T, "-", color=show.TRUTH, lw=0.9)
-    ax.plot(*frame.true_landmarks.T, "+", ms=6, mew=0.6, color=show.TRUTH)
-    ax.plot(*frame.landmarks.T, "^", mfc="none", ms=5, color=show.LANDMARK)
+    ax.plot(*frame.plain.T, ":", color=style.ESTIMATE)
+    ax.plot(*frame.poses.T, "-", color=style.TRUTH, lw=0.9)
+    ax.plot(*frame.true_landmarks.T, "+", ms=6, mew=0.6, color=style.TRUTH)
+    ax.plot(*frame.landmarks.T, "^", mfc="none", ms=5, color=style.LANDMARK)
     here = frame.poses[-1]
     for label, used in zip(frame.label_of, frame.used, strict=True):
-        colour, dash, end = show.SAMPLES, "-", frame.landmarks[used]
+        colour, dash, end = style.SAMPLES, "-", frame.landmarks[used]
         if used < 0:
-            colour, dash, end = show.TRIGGERED, ":", frame.true_landmarks[label]
+            colour, dash, end = style.TRIGGERED, ":", frame.true_landmarks[label]
         elif used != label:
-            colour = show.LANDMARK
+            colour = style.LANDMARK
         ax.plot(*np.array([here, end]).T, dash, color=colour, lw=0.7)
-    ax.plot(*here, "o", color=show.TRUTH)
+    ax.plot(*here, "o", color=style.TRUTH)
     ax.set(xlim=(-7.5, 7.5), ylim=(-7.5, 7.5), aspect="equal", xticks=[], yticks=[])
     ax.set_title(f"pose {len(frame.poses) - 1}")
 
@@ -196,14 +197,14 @@ def film_legend() -> list[Line2D]:
     """What the marks of `draw_frame` mean."""
     looks = {
         "true path": {"lw": 2.5, "color": "0.8"},
-        "ours": {"color": show.TRUTH},
-        "plain iSAM2": {"ls": ":", "color": show.ESTIMATE},
-        "landmark": {"ls": "", "marker": "+", "color": show.TRUTH},
-        "ours, started": {"ls": "", "marker": "^", "mfc": "none", "color": show.LANDMARK},
-        "posterior of one that waits": {"ls": "", "marker": ".", "color": show.PRIOR},
-        "range, label kept": {"color": show.SAMPLES},
-        "swapped": {"color": show.LANDMARK},
-        "credited to none": {"ls": ":", "color": show.TRIGGERED},
+        "ours": {"color": style.TRUTH},
+        "plain iSAM2": {"ls": ":", "color": style.ESTIMATE},
+        "landmark": {"ls": "", "marker": "+", "color": style.TRUTH},
+        "ours, started": {"ls": "", "marker": "^", "mfc": "none", "color": style.LANDMARK},
+        "posterior of one that waits": {"ls": "", "marker": ".", "color": style.PRIOR},
+        "range, label kept": {"color": style.SAMPLES},
+        "swapped": {"color": style.LANDMARK},
+        "credited to none": {"ls": ":", "color": style.TRIGGERED},
     }
     return [Line2D([], [], label=label, **look) for label, look in looks.items()]
 
@@ -216,8 +217,8 @@ def draw_summary(ax: Axes, series: dict[str, tuple[np.ndarray, np.ndarray]]) -> 
     grey = [series[name] for name in series if name not in NAMED]
     handles = {}
     for p, values in grey:
-        ax.plot(p, values[:, 0], color=show.PRINTED, lw=0.7)
-        handles[FORGETTING] = Line2D([], [], color=show.PRINTED, lw=0.7), values[-1, 0]
+        ax.plot(p, values[:, 0], color=style.PRINTED, lw=0.7)
+        handles[FORGETTING] = Line2D([], [], color=style.PRINTED, lw=0.7), values[-1, 0]
     for name, (p, values) in series.items():
         if name in NAMED:
             colour, dash, width, marker = NAMED[name]
@@ -227,7 +228,7 @@ def draw_summary(ax: Axes, series: dict[str, tuple[np.ndarray, np.ndarray]]) -> 
             bar = ax.errorbar(p, mean, bars, ls=dash, color=colour, lw=width, zorder=2 + width,
                               elinewidth=0.6, marker=marker, ms=3.5, mfc="none")  # fmt: skip
             handles[name] = bar, mean[-1]
-    ax.axhline(1, color=show.TRUTH, lw=0.6, zorder=1)
+    ax.axhline(1, color=style.TRUTH, lw=0.6, zorder=1)
     ax.set(yscale="log", xlabel="share of wrong associations p", yticks=[1, 2, 5, 10, 20, 50])
     ax.set(ylabel="pose RMSE over the oracle's")
     ax.set_ylim(bottom=0.9)
@@ -241,9 +242,9 @@ def draw_summary(ax: Axes, series: dict[str, tuple[np.ndarray, np.ndarray]]) -> 
 def draw_posteriors(ax: Axes, panel) -> None:
     """A landmark's posterior after a few poses: (P, 2) places, poses, landmark, mass of a mode."""
     cloud, positions, landmark, mass = panel
-    ax.plot(*cloud.T, ".", ms=0.8, color=show.PRIOR, alpha=0.5)
-    ax.plot(*positions.T, "o-", color=show.TRUTH, ms=2.5)
-    ax.plot(*landmark, "+", ms=8, color=show.TRUTH)
+    ax.plot(*cloud.T, ".", ms=0.8, color=style.PRIOR, alpha=0.5)
+    ax.plot(*positions.T, "o-", color=style.TRUTH, ms=2.5)
+    ax.plot(*landmark, "+", ms=8, color=style.TRUTH)
     ax.set(xlim=(-2, 12), ylim=(-6, 8), aspect="equal", xticks=[], yticks=[])
     ax.set_title(f"{len(positions)} poses: first mode {mass:.2f}")
 

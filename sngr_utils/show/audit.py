@@ -7,15 +7,16 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from sngr_utils import report
 from sngr_utils.audit import NOOP_P, Config, WindowStudies
 from sngr_utils.experiments import isam2_over_worlds
 from sngr_utils.metrics import standard_error, summaries
-from sngr_utils.show import style as show
+from sngr_utils.publish import report
+from sngr_utils.publish.cells import NONE, text
+from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
 from sngr_utils.show.style import WRONG_LABEL
 
-t = report.text
+t = text
 
 
 NOTHING_MISSING = pd.Series({"missing": 0})
@@ -25,7 +26,7 @@ FEW = 5  # worlds below which no interval is shown
 def interval(row: pd.Series, fmt: str = ".2f") -> str:
     """ "mean [low, high] (n)"; no interval below five worlds, n only where worlds are left out."""
     if row["n"] == 0:
-        return report.NONE
+        return NONE
     shown = t(row["mean"], fmt)
     if row["n"] >= FEW:
         shown += f" [{t(row['low'], fmt)}, {t(row['high'], fmt)}]"
@@ -140,7 +141,7 @@ def corrected_table(table: pd.DataFrame) -> pd.DataFrame:
         rows.append([
             f"{p:g}", preset, variant, t(100 * share, ".0f"),
             t(group["gain_median"].median(), ".3f"), t(group["gain_max"].median(), ".3f"),
-            interval(summaries.mean_and_errors(settled), ".0f") if variant != "paper" else report.NONE,
+            interval(summaries.mean_and_errors(settled), ".0f") if variant != "paper" else NONE,
             interval(summaries.mean_and_errors(refined), ".1f"), t(group["sngr_nees"].median(), ".1f"),
         ])  # fmt: skip
     heads = ["p", "preset", "version", "accepted [%]", "median gain [nats]", "largest gain [nats]",
@@ -251,7 +252,7 @@ def robust_table(runs: pd.DataFrame) -> pd.DataFrame:
     for (start, method), group in poses.groupby(["start", "method"], sort=False):
         cells = [interval(row) for _, row in group.iterrows()]
         rows.append([
-            show.method_name(method),
+            style.method_name(method),
             start.replace("_", " "),
             *cells,
             t(last[start, method]),
@@ -290,7 +291,7 @@ def robust_series(runs: pd.DataFrame, start: str) -> dict[str, tuple[np.ndarray,
     chosen = runs[runs["start"].isin([start, "none"])]
     means = chosen.groupby(["method", "p"], sort=False)["pose_rmse"].mean()
     return {
-        show.method_name(method): (group.index.get_level_values("p").to_numpy(), group.to_numpy())
+        style.method_name(method): (group.index.get_level_values("p").to_numpy(), group.to_numpy())
         for method, group in means.groupby(level="method", sort=False)
     }
 
@@ -365,12 +366,12 @@ def record_findings(
 
 def draw_detection_curves(axes: Sequence[Axes], curves: dict[str, tuple]) -> None:
     """ROC (left) and precision-recall curves (right); dotted: what firing at random gives."""
-    looks = zip(curves.items(), show.SEQUENCE, strict=False)
+    looks = zip(curves.items(), style.SEQUENCE, strict=False)
     for (name, (roc, precision_recall, base_rate)), colour in looks:
         axes[0].plot(*roc, color=colour, label=name)
         axes[1].plot(*precision_recall, color=colour)
         axes[1].axhline(base_rate, color=colour, lw=0.6, ls=":")
-    axes[0].plot([0, 1], [0, 1], ":", color=show.TRUTH, lw=0.6)
+    axes[0].plot([0, 1], [0, 1], ":", color=style.TRUTH, lw=0.6)
     axes[0].set(xlabel="false positive rate", ylabel="true positive rate", aspect="equal")
     axes[1].set(xlabel="recall", ylabel="precision", ylim=(0, 1.02))
     legend_above(axes[0], ncols=2)
@@ -378,9 +379,9 @@ def draw_detection_curves(axes: Sequence[Axes], curves: dict[str, tuple]) -> Non
 
 def draw_robust(ax: Axes, series: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
     """Mean pose RMSE [m] against p, log scale: method -> (p, rmse)."""
-    fixed = {"dead reckoning": show.TRUTH, "least squares": show.ESTIMATE}
+    fixed = {"dead reckoning": style.TRUTH, "least squares": style.ESTIMATE}
     others = [name for name in series if name not in fixed]
-    colours = fixed | dict(zip(others, show.SEQUENCE, strict=False))
+    colours = fixed | dict(zip(others, style.SEQUENCE, strict=False))
     for (name, (p, rmse)), marker in zip(series.items(), "osD^v<>xP", strict=False):
         ax.semilogy(p, rmse, marker=marker, mfc="none", color=colours[name], label=name)
     ax.set(xlabel=WRONG_LABEL, ylabel="pose RMSE [m]")

@@ -11,11 +11,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
-from sngr_utils import report
 from sngr_utils.bimodal import Config, Result, full_hessian, gauss_newton_hessian, repeated
 from sngr_utils.metrics import standard_error
+from sngr_utils.publish import cells, report
 from sngr_utils.sampling.weighted_samples import NestedRun
-from sngr_utils.show import style as show
+from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
 
 
@@ -28,14 +28,14 @@ def hessian_table(config: Config) -> pd.DataFrame:
             ("full", full_hessian(config, at)),
         ):
             low, high = np.linalg.eigvalsh(hessian)
-            shown = [report.text(low), report.text(high)]
-            rows.append([name, kind, *shown, report.text(np.log10(high / low)) if low > 0 else "–"])
+            shown = [cells.text(low), cells.text(high)]
+            rows.append([name, kind, *shown, cells.text(np.log10(high / low)) if low > 0 else "–"])
     return pd.DataFrame(rows, columns=["at", "Hessian", "smallest", "largest", "log10 cond."])
 
 
 def comparison_table(result: Result) -> pd.DataFrame:
     """tab:bimodal, printed value beside ours."""
-    printed, t = report.printed_values()["bimodal"], report.text
+    printed, t = report.printed_values()["bimodal"], cells.text
 
     def point(p):
         return f"({t(p[0], '.3f')}, {t(p[1], '.3f')})"
@@ -56,9 +56,9 @@ def comparison_table(result: Result) -> pd.DataFrame:
                 result.mode_distance(result.best), ".3f"),
             row("weighted σ of y [m]", "weighted_sigma_y", result.sigma_y),
             row("bimodality coefficient", "bimodality_coefficient", result.bimodality),
-            ["mass of the upper mode", report.NONE,
+            ["mass of the upper mode", cells.NONE,
              f"{t(result.upper_mass)} ± {t(result.upper_mass_error)}"],
-            [f"same, mean of {len(result.upper_masses)} runs", report.NONE,
+            [f"same, mean of {len(result.upper_masses)} runs", cells.NONE,
              f"{t(result.upper_masses.mean())} ± {t(standard_error.standard_error(result.upper_masses))}"],
         ],
         columns=["quantity", "printed", "ours"],
@@ -105,10 +105,10 @@ def profile(config: Config, y: np.ndarray, factor: float) -> np.ndarray:
 def draw_circles(ax: Axes, anchors: np.ndarray, radius: float, points: dict) -> None:
     """Circles of equal range around known anchors, and labelled points (name -> (2,)), [m]."""
     for anchor in anchors:
-        ax.add_patch(Circle(anchor, radius, fill=False, color=show.ESTIMATE))
-    ax.plot(*anchors.T, "^", color=show.TRUTH, label="anchors")
+        ax.add_patch(Circle(anchor, radius, fill=False, color=style.ESTIMATE))
+    ax.plot(*anchors.T, "^", color=style.TRUTH, label="anchors")
     for (name, point), marker in zip(points.items(), "xoo*+", strict=False):
-        ax.plot(*np.atleast_2d(point).T, marker, color=show.TRIGGERED, mfc="none", label=name)
+        ax.plot(*np.atleast_2d(point).T, marker, color=style.TRIGGERED, mfc="none", label=name)
     ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     ax.margins(0.05)
     ax.autoscale_view()
@@ -117,7 +117,7 @@ def draw_circles(ax: Axes, anchors: np.ndarray, radius: float, points: dict) -> 
 
 def draw_profile(ax: Axes, y: np.ndarray, curves: dict[str, np.ndarray]) -> None:
     """Curves (name -> (N,)) of log-likelihood along a line of y, [nats] against [m]."""
-    looks = [(show.ESTIMATE, "-"), (show.PRIOR, "--"), (show.SAMPLES, ":")]
+    looks = [(style.ESTIMATE, "-"), (style.PRIOR, "--"), (style.SAMPLES, ":")]
     for (name, values), (colour, dash) in zip(curves.items(), looks, strict=False):
         ax.plot(y, values, dash, color=colour, label=name)
     ax.set(xlabel="y [m]", ylabel="log-likelihood [nats]")
@@ -130,9 +130,9 @@ def draw_samples(
     """Weighted samples (N, 2) in the plane, area by weight, and labelled points, [m]."""
     size = 30 * weights / weights.max()
     kept = size > 0.05
-    ax.scatter(*samples[kept].T, s=size[kept], color=show.SAMPLES, alpha=0.4, lw=0,
+    ax.scatter(*samples[kept].T, s=size[kept], color=style.SAMPLES, alpha=0.4, lw=0,
                label="samples")  # fmt: skip
-    colours = (show.ESTIMATE, show.TRUTH)
+    colours = (style.ESTIMATE, style.TRUTH)
     for (name, point), marker, colour in zip(points.items(), "x+", colours, strict=False):
         ax.plot(*np.atleast_2d(point).T, marker, ms=6, color=colour, label=name)
     ax.set(xlabel="x [m]", ylabel="y [m]")
@@ -141,19 +141,19 @@ def draw_samples(
 
 def draw_histogram(ax: Axes, y: np.ndarray, weights: np.ndarray, marks: Sequence[float]) -> None:
     """Weighted histogram of y with vertical lines at `marks`, [m]."""
-    ax.hist(y, bins=np.linspace(-4, 4, 41), weights=weights, color=show.SAMPLES, density=True)
+    ax.hist(y, bins=np.linspace(-4, 4, 41), weights=weights, color=style.SAMPLES, density=True)
     for mark in marks:
-        ax.axvline(mark, color=show.TRUTH, lw=0.6, ls=":")
+        ax.axvline(mark, color=style.TRUTH, lw=0.6, ls=":")
     ax.set(xlabel="y [m]", ylabel="density [1/m]")
 
 
 def draw_repeated_masses(ax: Axes, masses: np.ndarray, single_error: float, spread: float) -> None:
     """Mode mass of repeated runs (n,), with two claims of a single run's standard error."""
-    ax.plot(np.arange(1, len(masses) + 1), masses, "o", color=show.SAMPLES, label="one run each")
-    ax.axhline(0.5, color=show.TRUTH, lw=0.6, ls=":", label="symmetry")
-    ax.axhspan(0.5 - spread, 0.5 + spread, color=show.SAMPLES, alpha=0.15, lw=0,
+    ax.plot(np.arange(1, len(masses) + 1), masses, "o", color=style.SAMPLES, label="one run each")
+    ax.axhline(0.5, color=style.TRUTH, lw=0.6, ls=":", label="symmetry")
+    ax.axhspan(0.5 - spread, 0.5 + spread, color=style.SAMPLES, alpha=0.15, lw=0,
                label="± spread of the runs")  # fmt: skip
-    ax.axhspan(0.5 - single_error, 0.5 + single_error, color=show.PRIOR, alpha=0.3, lw=0,
+    ax.axhspan(0.5 - single_error, 0.5 + single_error, color=style.PRIOR, alpha=0.3, lw=0,
                label="± by resampling one run")  # fmt: skip
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.set(xlabel="run", ylabel="mass of the upper mode", ylim=(0, 1))
@@ -162,7 +162,7 @@ def draw_repeated_masses(ax: Axes, masses: np.ndarray, single_error: float, spre
 
 def draw_live_points(ax: Axes, log_volume: np.ndarray, y: np.ndarray) -> None:
     """Discarded points' y [m] against the log prior volume left, as the run goes on."""
-    ax.plot(log_volume, y, ".", ms=1.5, color=show.SAMPLES)
+    ax.plot(log_volume, y, ".", ms=1.5, color=style.SAMPLES)
     ax.invert_xaxis()
     ax.set_yscale("symlog", linthresh=3)
     ax.set_yticks([-100, -10, 0, 10, 100])
@@ -174,8 +174,8 @@ def run_plot(run: NestedRun) -> Figure:
 
     Without its smoothing of the weights, which draws from an unseeded generator.
     """
-    fig, axes = plt.subplots(4, 1, figsize=(show.COLUMN_WIDTH * 1.5, 5.5), sharex=True)
-    runplot(run.results, fig=(fig, axes), color=show.SAMPLES, kde=False, lnz_error=False)
+    fig, axes = plt.subplots(4, 1, figsize=(style.COLUMN_WIDTH * 1.5, 5.5), sharex=True)
+    runplot(run.results, fig=(fig, axes), color=style.SAMPLES, kde=False, lnz_error=False)
     for ax in axes:
         ax.tick_params(labelsize=7)
         ax.xaxis.label.set_size(8)

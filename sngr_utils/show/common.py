@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from sngr_utils.show import style as show
+from sngr_utils.show import style
 from sngr_utils.show.style import PRESET_COLOURS, PRESET_MARKERS, WRONG_LABEL
 
 
@@ -33,7 +33,7 @@ def draw_intervals(
             mfc="none", capsize=2, lw=0.8, label=f"preset {name}",
         )  # fmt: skip
     if printed is not None:
-        ax.plot(*printed, "s--", color=show.PRINTED, lw=0.8, label="printed")
+        ax.plot(*printed, "s--", color=style.PRINTED, lw=0.8, label="printed")
     if log:
         ax.set_yscale("log")
     ax.set(xlabel=WRONG_LABEL, ylabel=label)

@@ -6,15 +6,15 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from sngr_utils import parameters, report
 from sngr_utils.cost import ClosureCost, Config, Cost, compare_engines, grow, likelihood_seconds
 from sngr_utils.experiments import engine_bench, growth
 from sngr_utils.experiments.engine_bench import Performance, ratio
 from sngr_utils.experiments.growth import Growth
 from sngr_utils.metrics import standard_error
+from sngr_utils.publish import cells, parameters, report
 from sngr_utils.sampling import importance
 from sngr_utils.sampling.settings import FastSettings
-from sngr_utils.show import style as show
+from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
 
 
@@ -27,7 +27,7 @@ def two_mode_table(*, rng: np.random.Generator, runs: int = 40) -> pd.DataFrame:
         content = k_hats <= importance.MAX_K_HAT
         rows.append([
             str(n_starts), f"{right.sum()} of {runs}", f"{(content & ~right).sum()} of {runs}",
-            report.mean_std(masses),
+            cells.mean_std(masses),
         ])  # fmt: skip
     columns = ["starts", "right", "wrong, k-hat content", "mass of the upper mode"]
     return pd.DataFrame(rows, columns=columns)
@@ -53,7 +53,7 @@ def per_window(costs: dict[float, Cost]) -> tuple[float, float]:
 
 def cost_table(costs: dict[float, Cost]) -> pd.DataFrame:
     """tab:cost, printed beside ours: wall clocks (ours from one run on one machine) and savings."""
-    printed, t, rows = report.printed_values()["cost"], report.text, []
+    printed, t, rows = report.printed_values()["cost"], cells.text, []
     for p, cost in costs.items():
         was = printed.get(p, {})
         rows.append([
@@ -72,7 +72,7 @@ def cost_table(costs: dict[float, Cost]) -> pd.DataFrame:
 def closure_table(costs: dict[float, Cost], closure: ClosureCost) -> pd.DataFrame:
     """Time per likelihood call, and per window if all its calls cost that much."""
     calls, seconds = per_window(costs)
-    t = report.text
+    t = cells.text
     rows = [
         [name, str(n), t(1e6 * each, ".0f"), t(each / closure.seconds_window, ".1f"),
          t(calls * each), t(100 * calls * each / seconds, ".0f")]
@@ -92,10 +92,10 @@ def calls_table(costs: dict[float, Cost]) -> pd.DataFrame:
         [
             f"{p:g}",
             str(int(cost.fired.sum())),
-            report.text(cost.exhaustive(cost.calls) / len(cost.calls), ".0f"),
-            report.text(float(cost.calls[cost.fired].sum()), ".0f"),
-            report.text(cost.exhaustive(cost.calls), ".0f"),
-            report.text(cost.saving_calls, ".1f"),
+            cells.text(cost.exhaustive(cost.calls) / len(cost.calls), ".0f"),
+            cells.text(float(cost.calls[cost.fired].sum()), ".0f"),
+            cells.text(cost.exhaustive(cost.calls), ".0f"),
+            cells.text(cost.saving_calls, ".1f"),
         ]
         for p, cost in costs.items()
     ]
@@ -193,11 +193,11 @@ def speed_table(performances: dict[str, Performance], per_call: float) -> pd.Dat
         faster = ratio(performances, name)
         rows.append([
             name,
-            report.text(faster, ".1f" if faster < 10 else ".0f"),
-            report.text(1e3 * seconds, ".0f" if seconds > 0.05 else ".1f"),
-            report.text(1e3 * calls * per_call, ".1f"),
-            report.text(calls, ".0f"),
-            report.text(p.ess.sum() / p.seconds.sum(), ".0f"),
+            cells.text(faster, ".1f" if faster < 10 else ".0f"),
+            cells.text(1e3 * seconds, ".0f" if seconds > 0.05 else ".1f"),
+            cells.text(1e3 * calls * per_call, ".1f"),
+            cells.text(calls, ".0f"),
+            cells.text(p.ess.sum() / p.seconds.sum(), ".0f"),
         ])
     columns = ["engine", "ratio", "ms per window", "calls alone [ms]", "calls", "ESS per s"]
     return pd.DataFrame(rows, columns=columns)
@@ -220,10 +220,10 @@ def accuracy_table(performances: dict[str, Performance]) -> pd.DataFrame:
         rows.append([
             name,
             str(len(p.errors)),
-            f"{report.text(p.errors.mean(), '+.3f')} ± {report.text(error, '.3f')}",
-            report.text(float(np.sqrt(np.mean(p.errors**2))), ".3f"),
-            report.text(float(np.sqrt(np.mean(p.mean_errors**2))), ".2f"),
-            report.text(float(np.exp(np.mean(np.log(p.variance_ratios)))), ".2f"),
+            f"{cells.text(p.errors.mean(), '+.3f')} ± {cells.text(error, '.3f')}",
+            cells.text(float(np.sqrt(np.mean(p.errors**2))), ".3f"),
+            cells.text(float(np.sqrt(np.mean(p.mean_errors**2))), ".2f"),
+            cells.text(float(np.exp(np.mean(np.log(p.variance_ratios)))), ".2f"),
         ])
     columns = ["engine", "runs", "bias of log Z", "rms", "error of the mean", "variance ratio"]
     return pd.DataFrame(rows, columns=columns)
@@ -232,7 +232,7 @@ def accuracy_table(performances: dict[str, Performance]) -> pd.DataFrame:
 def growth_table(grown: Growth) -> pd.DataFrame:
     """CPU time at every length, and the fitted slope of each row."""
     rows = [
-        [name, *(report.text(1e3 * s, ".3g") for s in seconds), report.text(grown.slope(name))]
+        [name, *(cells.text(1e3 * s, ".3g") for s in seconds), cells.text(grown.slope(name))]
         for name, seconds in grown.seconds.items()
     ]
     return pd.DataFrame(rows, columns=["ms", *(f"{n:,}" for n in grown.lengths), "slope"])
@@ -243,8 +243,8 @@ def draw_saving(
 ) -> None:
     """Saving against the number of windows that fire, "ours" and "printed", with total / n."""
     n = np.arange(1, total + 1)
-    ax.plot(n, total / n, "-", color=show.TRUTH, lw=0.6, label=f"{total} / n")
-    looks = {"ours": (show.SAMPLES, "o"), "printed": (show.PRINTED, "s")}
+    ax.plot(n, total / n, "-", color=style.TRUTH, lw=0.6, label=f"{total} / n")
+    looks = {"ours": (style.SAMPLES, "o"), "printed": (style.PRINTED, "s")}
     for name, (fired, saving) in series.items():
         colour, marker = looks[name]
         ax.plot(fired, saving, marker, color=colour, label=name)
@@ -257,9 +257,9 @@ def draw_engines(
 ) -> None:
     """CPU time of a window per engine, log scale, with the time of its likelihood calls alone."""
     y = np.arange(len(names))[::-1]
-    ax.hlines(y, limits, milliseconds, color=show.SAMPLES, lw=0.8)
-    ax.plot(milliseconds, y, "o", color=show.SAMPLES, label="measured")
-    ax.plot(limits, y, "|", color=show.TRUTH, ms=7, label="likelihood calls alone, compiled")
+    ax.hlines(y, limits, milliseconds, color=style.SAMPLES, lw=0.8)
+    ax.plot(milliseconds, y, "o", color=style.SAMPLES, label="measured")
+    ax.plot(limits, y, "|", color=style.TRUTH, ms=7, label="likelihood calls alone, compiled")
     ax.set_xscale("log")
     ax.set_yticks(y, names)
     ax.set(xlabel="ms per window", ylim=(-0.6, len(names) - 0.4))
@@ -270,7 +270,7 @@ def draw_growth(ax: Axes, lengths: np.ndarray, seconds: dict[str, np.ndarray],
                 slopes: dict[str, float]) -> None:  # fmt: skip
     """CPU time [s] against the number of poses, log-log, one line per method with its slope."""
     looks = zip(
-        (show.ESTIMATE, show.PRINTED, show.TRIGGERED, show.LANDMARK, show.SAMPLES),
+        (style.ESTIMATE, style.PRINTED, style.TRIGGERED, style.LANDMARK, style.SAMPLES),
         "os^vD", strict=True,
     )  # fmt: skip
     for (name, values), (colour, marker) in zip(seconds.items(), looks, strict=True):

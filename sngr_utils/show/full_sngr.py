@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from sngr_utils import report
 from sngr_utils.full_sngr import (
     Config,
     Refinement,
@@ -15,7 +14,8 @@ from sngr_utils.full_sngr import (
     noop_mean_log_weights,
 )
 from sngr_utils.metrics import standard_error
-from sngr_utils.show import style as show
+from sngr_utils.publish import cells, report
+from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
 from sngr_utils.show.style import PRESET_COLOURS, PRESET_MARKERS, WRONG_LABEL
 
@@ -44,7 +44,7 @@ def per_window(
 
 def sngr_table(config: Config, levels: dict[float, Refinement]) -> pd.DataFrame:
     """tab:sngr, printed beside ours, with the RMSE of iSAM2 before refinement."""
-    printed, t, rows = report.printed_values()["sngr"], report.text, []
+    printed, t, rows = report.printed_values()["sngr"], cells.text, []
     for p, level in levels.items():
         was, base = printed.get(p, {}), level.baseline
         found = base.detection(config.tau)
@@ -80,10 +80,10 @@ def preset_table(presets: dict[str, Refinement]) -> pd.DataFrame:
     """
     low, high = report.printed_values()["diagnostics_p0.2"]["delta_logp_range"]
     refined = report.printed_values()["sngr"][0.2]["triggered"]
-    gains = [report.text(low, ".1f"), report.NONE, report.text(high, ".1f")]
-    rows = [["printed", str(refined), report.NONE, *gains, report.NONE, report.NONE]]
+    gains = [cells.text(low, ".1f"), cells.NONE, cells.text(high, ".1f")]
+    rows = [["printed", str(refined), cells.NONE, *gains, cells.NONE, cells.NONE]]
     for preset, level in presets.items():
-        rows.append([preset, *_gain_cells(level, ".1f"), report.text(level.baseline.pose_rmse)])
+        rows.append([preset, *_gain_cells(level, ".1f"), cells.text(level.baseline.pose_rmse)])
     return pd.DataFrame(rows, columns=["preset", *GAIN_COLUMNS, "iSAM2 RMSE [m]"])
 
 
@@ -92,10 +92,10 @@ GAIN_COLUMNS = ["refined", "accepted", "least Δ log p", "median", "largest", "R
 
 def _gain_cells(level: Refinement, fmt: str) -> list[str]:
     gains = level.gains
-    spread = [report.NONE] * 3
+    spread = [cells.NONE] * 3
     if len(gains):
-        spread = [report.text(v, fmt) for v in (gains.min(), np.median(gains), gains.max())]
-    return [str(len(gains)), str(level.accepted), *spread, report.text(level.rmse_change, "+.0f")]
+        spread = [cells.text(v, fmt) for v in (gains.min(), np.median(gains), gains.max())]
+    return [str(len(gains)), str(level.accepted), *spread, cells.text(level.rmse_change, "+.0f")]
 
 
 def record(
@@ -134,7 +134,7 @@ def record(
 def draw_gains(ax: Axes, presets: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
     """Gain per window: name -> (windows (n,), delta log p (n,) [nats]); symmetric log scale."""
     _draw_by_preset(ax, presets)
-    ax.axhline(0, color=show.TRUTH, lw=0.6, ls=":")
+    ax.axhline(0, color=style.TRUTH, lw=0.6, ls=":")
     ax.set_yscale("symlog", linthresh=0.1)
     ax.margins(y=0.1)
     ax.set(xlabel="window", ylabel=r"$\Delta$ log p [nats]")
@@ -161,13 +161,13 @@ def draw_window_samples(
 ) -> None:
     """Positions of a window's three poses: truth, iSAM2 and mean (3, 2), samples (N, 3, 2)."""
     for i in range(len(truth)):
-        ax.plot(*samples[:, i].T, ".", color=show.SAMPLES, ms=1.5, alpha=0.5, zorder=1)
-        ax.plot(*np.transpose([estimate[i], truth[i]]), ":", color=show.TRUTH, lw=0.6)
-    ax.plot([], [], ".", color=show.SAMPLES, label="samples")
+        ax.plot(*samples[:, i].T, ".", color=style.SAMPLES, ms=1.5, alpha=0.5, zorder=1)
+        ax.plot(*np.transpose([estimate[i], truth[i]]), ":", color=style.TRUTH, lw=0.6)
+    ax.plot([], [], ".", color=style.SAMPLES, label="samples")
     for points, marker, colour, name in (
-        (estimate, "o", show.ESTIMATE, "iSAM2"),
-        (mean, "x", show.TRIGGERED, "sample mean"),
-        (truth, "*", show.TRUTH, "truth"),
+        (estimate, "o", style.ESTIMATE, "iSAM2"),
+        (mean, "x", style.TRIGGERED, "sample mean"),
+        (truth, "*", style.TRUTH, "truth"),
     ):
         ax.plot(*points.T, marker, color=colour, ms=5, mfc="none", label=name)
     ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
@@ -177,10 +177,10 @@ def draw_window_samples(
 def draw_rmse(ax: Axes, p: Sequence[float], series: dict[str, Sequence[float]]) -> None:
     """RMSE [m] against p, one line per method."""
     looks = {
-        "dead reckoning": (show.TRUTH, ":", None),
-        "iSAM2": (show.ESTIMATE, "-", "o"),
-        "SNGR": (show.SAMPLES, "--", "x"),
-        "SNGR as printed": (show.PRINTED, "-", "s"),
+        "dead reckoning": (style.TRUTH, ":", None),
+        "iSAM2": (style.ESTIMATE, "-", "o"),
+        "SNGR": (style.SAMPLES, "--", "x"),
+        "SNGR as printed": (style.PRINTED, "-", "s"),
     }
     for name, values in series.items():
         colour, line, marker = looks[name]

@@ -8,13 +8,15 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import Ellipse
 
-from sngr_utils import multimodal, report
+from sngr_utils import multimodal
 from sngr_utils.experiments import sampler_contest
 from sngr_utils.metrics import cluster_bootstrap, precision_recall, standard_error
-from sngr_utils.show import style as show
+from sngr_utils.publish import report
+from sngr_utils.publish.cells import text
+from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
 
-t = report.text
+t = text
 FEW = 3  # poses after which a landmark usually still has two places
 
 
@@ -200,9 +202,9 @@ def record_strong(strong: pd.DataFrame, to: report.Report) -> None:
     to.value("multimodal.strong.kl", largest, unit="nats", n=len(strong), within=0.2)
 
 
-WHITE_TO_GREEN = LinearSegmentedColormap.from_list("", ["white", show.SAMPLES])
+WHITE_TO_GREEN = LinearSegmentedColormap.from_list("", ["white", style.SAMPLES])
 LEAST = 1e-3  # what a logarithmic axis shows for less
-COLOURS = [show.ESTIMATE, show.TRIGGERED, show.LANDMARK, show.SAMPLES, show.PRIOR]
+COLOURS = [style.ESTIMATE, style.TRIGGERED, style.LANDMARK, style.SAMPLES, style.PRIOR]
 
 
 def draw_posterior(ax: Axes, view) -> None:
@@ -220,9 +222,9 @@ def draw_posterior(ax: Axes, view) -> None:
         width, height = 4 * np.sqrt(variances)
         angle = np.degrees(np.arctan2(axes[1, 0], axes[0, 0]))
         ax.add_patch(Ellipse(view.gaussian[0], width, height, angle=angle, fill=False,
-                             color=show.ESTIMATE))  # fmt: skip
-    ax.plot(*view.positions.T, ".", color=show.PRINTED)
-    ax.plot(*view.truth, "+", color=show.TRUTH, ms=6)
+                             color=style.ESTIMATE))  # fmt: skip
+    ax.plot(*view.positions.T, ".", color=style.PRINTED)
+    ax.plot(*view.truth, "+", color=style.TRUTH, ms=6)
     # the ring of the first range, which holds both places
     reach = 1.2 * np.linalg.norm(view.truth - view.positions[0]) + 1
     x, y = np.array([-reach, reach]) + view.positions[0][:, None]
@@ -233,11 +235,11 @@ def draw_divergences(ax: Axes, found: pd.DataFrame, kl_limit: float, fires: np.n
     """KL of one Gaussian, a dot per case, beside the number of poses; filled where it fires."""
     rank = found.groupby("n")["kl"].rank(pct=True).to_numpy()
     across, height = found["n"].to_numpy() + 0.7 * (rank - 0.5), np.maximum(found["kl"], LEAST)
-    for flag, face, name in ((True, show.TRIGGERED, "fires"), (False, "none", "is silent")):
+    for flag, face, name in ((True, style.TRIGGERED, "fires"), (False, "none", "is silent")):
         here = fires == flag
-        ax.plot(across[here], height[here], "o", ms=2.5, mew=0.5, color=show.TRIGGERED, mfc=face,
+        ax.plot(across[here], height[here], "o", ms=2.5, mew=0.5, color=style.TRIGGERED, mfc=face,
                 label=f"mirror test {name}")  # fmt: skip
-    ax.axhline(kl_limit, color=show.TRUTH, lw=0.6, ls=":")
+    ax.axhline(kl_limit, color=style.TRUTH, lw=0.6, ls=":")
     ax.set(
         yscale="log", ylabel="KL(posterior ‖ one Gaussian) [nats]", xticks=sorted(set(found["n"])),
         xlabel="poses that saw the landmark",
@@ -247,9 +249,9 @@ def draw_divergences(ax: Axes, found: pd.DataFrame, kl_limit: float, fires: np.n
 
 def draw_look(ax: Axes, prior: np.ndarray, samples: np.ndarray, weights: np.ndarray) -> None:
     """Draws (N, 2) of a prior, and the weighted samples that nested sampling found in it, [m]."""
-    ax.plot(*prior.T, ".", ms=1.5, color=show.PRIOR, alpha=0.6, label="prior", zorder=1)
+    ax.plot(*prior.T, ".", ms=1.5, color=style.PRIOR, alpha=0.6, label="prior", zorder=1)
     kept = weights > 0.02 * weights.max()
-    ax.scatter(*samples[kept].T, s=8 * weights[kept] / weights.max(), color=show.SAMPLES, lw=0,
+    ax.scatter(*samples[kept].T, s=8 * weights[kept] / weights.max(), color=style.SAMPLES, lw=0,
                alpha=0.5, label="posterior found", zorder=2)  # fmt: skip
     ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", xlim=(-5, 9), ylim=(-7, 7))
 
@@ -265,7 +267,7 @@ def draw_mass_errors(
             place = k + 0.18 * (i - 0.5 * (len(errors) - 1))
             ax.plot(np.full(len(values), place), values, "o", ms=2.5, mew=0, alpha=0.6,
                     color=COLOURS[i], label=case if k == 0 else None)  # fmt: skip
-    ax.axhline(target, color=show.TRUTH, lw=0.6, ls=":")
+    ax.axhline(target, color=style.TRUTH, lw=0.6, ls=":")
     ax.set(yscale="log", ylabel="largest error of a mode's mass", xticks=range(len(methods)),
            xticklabels=[method.replace(" ", "\n") for method in methods])  # fmt: skip
     legend_above(ax, 2)

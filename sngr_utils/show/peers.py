@@ -6,15 +6,16 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 from matplotlib.ticker import NullFormatter
 
-from sngr_utils import report
 from sngr_utils.experiments import estimators
 from sngr_utils.metrics import summaries
 from sngr_utils.peers import Config
-from sngr_utils.show import style as show
+from sngr_utils.publish import report
+from sngr_utils.publish.cells import NONE, text
+from sngr_utils.show import style
 from sngr_utils.show.audit import interval
 
 LOST = 1.5  # times the oracle's RMSE, above which a run counts as lost
-t = report.text
+t = text
 
 
 def from_grid(runs: pd.DataFrame) -> pd.DataFrame:
@@ -26,7 +27,7 @@ def by_method(runs: pd.DataFrame, value: str, fmt: str = ".2f") -> pd.DataFrame:
     """Mean and 95 % interval of a column from the grid, methods down and p across."""
     table = summaries.summary(from_grid(runs), value, by=["method", "p"])
     rows = [
-        [show.method_name(method), *(interval(row, fmt) for _, row in group.iterrows())]
+        [style.method_name(method), *(interval(row, fmt) for _, row in group.iterrows())]
         for method, group in table.groupby("method", sort=False)
     ]
     return pd.DataFrame(rows, columns=["method", *(f"p = {p:g}" for p in table["p"].unique())])
@@ -40,12 +41,12 @@ def start_table(runs: pd.DataFrame) -> pd.DataFrame:
     lost, n = by.sum(), by.size()
     rows = [
         [
-            show.method_name(method),
+            style.method_name(method),
             *(f"{lost[method, p, s]} of {n[method, p, s]}" for p in levels for s in starts),
         ]
         for method in dict.fromkeys(other["method"])
     ]
-    heads = [(f"p = {p:g}", show.method_name(start)) for p in levels for start in starts]
+    heads = [(f"p = {p:g}", style.method_name(start)) for p in levels for start in starts]
     return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples([("", "method"), *heads]))
 
 
@@ -60,11 +61,11 @@ def test_table(runs: pd.DataFrame, best: str) -> pd.DataFrame:
     levels = list(dict.fromkeys(chosen["p"]))
     rows = []
     for method in dict.fromkeys(chosen["method"]):
-        cells = [show.method_name(method)]
+        cells = [style.method_name(method)]
         mine = chosen[chosen["method"] == method]
         worst = mine.groupby("p", sort=False)["ratio"].max()
         if method == best:
-            cells += [cell for p in levels for cell in (t(worst[p]), report.NONE, report.NONE)]
+            cells += [cell for p in levels for cell in (t(worst[p]), NONE, NONE)]
         else:
             tests = estimators.paired(runs, method, best).set_index("p")
             for p in levels:
@@ -79,7 +80,7 @@ def test_table(runs: pd.DataFrame, best: str) -> pd.DataFrame:
 def time_table(runs: pd.DataFrame) -> pd.DataFrame:
     """Median CPU time per world, from the grid, without the grid itself, [ms]."""
     times = 1e3 * from_grid(runs).groupby("method", sort=False)["seconds"].median()
-    rows = [[show.method_name(method), t(value, ".0f")] for method, value in times.items()]
+    rows = [[style.method_name(method), t(value, ".0f")] for method, value in times.items()]
     return pd.DataFrame(rows, columns=["method", "CPU time [ms]"])
 
 
@@ -88,7 +89,7 @@ def ratio_series(runs: pd.DataFrame) -> dict[float, tuple[list[str], np.ndarray]
     table = summaries.summary(from_grid(runs), "ratio", by=["p", "method"])
     return {
         p: (
-            [show.method_name(m) for m in group["method"]],
+            [style.method_name(m) for m in group["method"]],
             group[["mean", "low", "high"]].to_numpy(),
         )
         for p, group in table.groupby("p", sort=False)
@@ -102,7 +103,7 @@ def looks(names: list[str]) -> dict[str, tuple[str, str]]:
     """Colour and dash of each curve; the quadratic loss has the colour of iSAM2, which uses it."""
     dashes = ["-", "--", "-.", ":"]
     return {
-        name: (show.ESTIMATE if i == 0 else show.SEQUENCE[(i - 1) % 6], dashes[i % 4])
+        name: (style.ESTIMATE if i == 0 else style.SEQUENCE[(i - 1) % 6], dashes[i % 4])
         for i, name in enumerate(names)
     }
 
@@ -112,7 +113,7 @@ def draw_curves(ax: Axes, x: np.ndarray, curves: dict[str, np.ndarray], **labels
     for (name, values), (colour, dash) in zip(
         curves.items(), looks(list(curves)).values(), strict=True
     ):
-        ax.plot(x, values, dash, color=colour, label=show.method_name(name))
+        ax.plot(x, values, dash, color=colour, label=style.method_name(name))
     ax.set(**labels)
 
 
@@ -129,7 +130,7 @@ def draw_pull(
     The last `n_wrong` of the (M,) ranges are another landmark's, [m].
     """
     draw_curves(ax, x, costs, xlabel="distance to the landmark [m]", ylabel="cost, scaled")
-    for given, colour in ((ranges[:-n_wrong], show.TRUTH), (ranges[-n_wrong:], show.TRIGGERED)):
+    for given, colour in ((ranges[:-n_wrong], style.TRUTH), (ranges[-n_wrong:], style.TRIGGERED)):
         ax.plot(given, np.full(len(given), -0.06), "|", color=colour, ms=6)
     ax.margins(y=0.03)
 
@@ -138,13 +139,13 @@ def draw_range(
     ax: Axes, position: np.ndarray, distance: float, landmarks: np.ndarray, label: int, source: int
 ) -> None:
     """The circle of one range about its pose, and the (K, 2) landmarks that may be its source."""
-    ax.add_patch(Circle(position, distance, fill=False, color=show.ESTIMATE, lw=0.8))
-    ax.plot(*position, "o", color=show.ESTIMATE, label="pose")
-    ax.plot(*landmarks.T, "^", color=show.LANDMARK, label="landmarks")
+    ax.add_patch(Circle(position, distance, fill=False, color=style.ESTIMATE, lw=0.8))
+    ax.plot(*position, "o", color=style.ESTIMATE, label="pose")
+    ax.plot(*landmarks.T, "^", color=style.LANDMARK, label="landmarks")
     for k, landmark in enumerate(landmarks):
         ax.annotate(str(k), landmark, (2, 3), textcoords="offset points", fontsize=7)
-    ax.plot(*landmarks[label], "s", mfc="none", ms=8, color=show.TRIGGERED, label="label")
-    ax.plot(*landmarks[source], "o", mfc="none", ms=10, color=show.SAMPLES, label="source")
+    ax.plot(*landmarks[label], "s", mfc="none", ms=8, color=style.TRIGGERED, label="label")
+    ax.plot(*landmarks[source], "o", mfc="none", ms=10, color=style.SAMPLES, label="source")
     low, high = (f(np.vstack([landmarks, position]), axis=0) for f in (np.min, np.max))
     ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     ax.set(xlim=(low[0] - 1, high[0] + 1), ylim=(low[1] - 1, high[1] + 1))
@@ -156,7 +157,7 @@ def draw_beliefs(ax: Axes, beliefs: dict[str, np.ndarray]) -> None:
     width = 0.8 / len(beliefs)
     for i, (name, shares) in enumerate(beliefs.items()):
         place = np.arange(len(shares)) + (i - (len(beliefs) - 1) / 2) * width
-        ax.bar(place, shares, width, color=show.SEQUENCE[i], label=show.method_name(name))
+        ax.bar(place, shares, width, color=style.SEQUENCE[i], label=style.method_name(name))
     ax.set(xlabel="landmark", ylabel="share of the range", xticks=range(len(shares)))
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=2)
 
@@ -168,10 +169,10 @@ def draw_ratios(ax: Axes, series: dict[float, tuple[list[str], np.ndarray]]) -> 
         mean, low, high = values.T
         bars = np.array([mean - np.maximum(low, 0.5 * mean), high - mean])
         ax.errorbar(
-            mean, rows, xerr=bars, fmt=MARKERS[i], color=show.SEQUENCE[i], ms=2.5, lw=0.8,
+            mean, rows, xerr=bars, fmt=MARKERS[i], color=style.SEQUENCE[i], ms=2.5, lw=0.8,
             label=f"p = {p:g}",
         )  # fmt: skip
-    ax.axvline(1, color=show.TRUTH, lw=0.6)
+    ax.axvline(1, color=style.TRUTH, lw=0.6)
     ax.set(xscale="log", xlabel="pose RMSE over the oracle's", xticks=[1, 2, 5, 10, 20])
     ax.set_yticks(-np.arange(len(names)), names)
     ax.xaxis.set_major_formatter("{x:g}")

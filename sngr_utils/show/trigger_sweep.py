@@ -7,9 +7,9 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
-from sngr_utils import report
 from sngr_utils.metrics import standard_error
-from sngr_utils.show import style as show
+from sngr_utils.publish import cells, report
+from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
 from sngr_utils.show.style import WRONG_LABEL
 from sngr_utils.sngr import windows
@@ -23,9 +23,9 @@ def preset_table(presets: dict[str, Sweep]) -> pd.DataFrame:
     config = next(iter(presets.values())).config
     for p in config.p_levels:
         was = printed.get(p)
-        shown = f"{report.text(was['rmse'])} ± {report.text(was['rmse_std'])}" if was else "–"
+        shown = f"{cells.text(was['rmse'])} ± {cells.text(was['rmse_std'])}" if was else "–"
         ours = [
-            report.mean_std([run.pose_rmse for run in sweep.level(p)]) for sweep in presets.values()
+            cells.mean_std([run.pose_rmse for run in sweep.level(p)]) for sweep in presets.values()
         ]
         rows.append([f"{p:g}", shown, *ours])
     return pd.DataFrame(rows, columns=["p", "printed", *(f"preset {name}" for name in presets)])
@@ -37,10 +37,10 @@ def tau_table(sweep: Sweep) -> pd.DataFrame:
     clean, noisy = triggers_by_tau(sweep, c.p_clean), triggers_by_tau(sweep, c.p_noisy)
     rows = [
         [
-            report.text(tau),
-            report.text(printed.get(tau, {}).get("clean"), "d"),
+            cells.text(tau),
+            cells.text(printed.get(tau, {}).get("clean"), "d"),
             str(clean[i]),
-            report.text(printed.get(tau, {}).get("noisy_p0.3"), "d"),
+            cells.text(printed.get(tau, {}).get("noisy_p0.3"), "d"),
             str(noisy[i]),
         ]
         for i, tau in enumerate(c.tau_grid)
@@ -53,14 +53,14 @@ def tau_table(sweep: Sweep) -> pd.DataFrame:
 
 def baseline_table(sweep: Sweep) -> pd.DataFrame:
     """tab:baseline: RMSE over seeds; NEES, precision, recall, counts of the first seed."""
-    printed, t, rows = report.printed_values()["baseline"], report.text, []
+    printed, t, rows = report.printed_values()["baseline"], cells.text, []
     for p in sweep.config.p_levels:
         was, single = printed.get(p, {}), sweep.single(p)
         found = single.detection(sweep.config.tau)
         rmses = [run.pose_rmse for run in sweep.level(p)]
-        was_rmse = f"{t(was['rmse'])} ± {t(was['rmse_std'])}" if was else report.NONE
+        was_rmse = f"{t(was['rmse'])} ± {t(was['rmse_std'])}" if was else cells.NONE
         rows.append([
-            f"{p:g}", was_rmse, report.mean_std(rmses),
+            f"{p:g}", was_rmse, cells.mean_std(rmses),
             t(was.get("nees"), ".1f"), t(single.nees, ".1f"),
             t(was.get("precision")), t(found.precision), t(was.get("recall")), t(found.recall),
             t(was.get("triggered"), "d"), str(found.triggered),
@@ -73,7 +73,7 @@ def baseline_table(sweep: Sweep) -> pd.DataFrame:
 
 def per_seed_table(sweep: Sweep) -> pd.DataFrame:
     """tab:perseed: detection at the noisy p, seed by seed, printed beside ours."""
-    printed, t, rows = report.printed_values()["per_seed_p0.3"], report.text, []
+    printed, t, rows = report.printed_values()["per_seed_p0.3"], cells.text, []
     for run in sweep.level(sweep.config.p_noisy):
         was, found = printed.get(run.seed, {}), run.detection(sweep.config.tau)
         counts = {
@@ -99,8 +99,8 @@ def clean_table(sweep: Sweep) -> pd.DataFrame:
         counts = [str(found.triggered), str(found.failed)]
         rows.append([
             str(run.seed),
-            report.text(run.pose_rmse),
-            report.text(run.nees, ".1f"),
+            cells.text(run.pose_rmse),
+            cells.text(run.nees, ".1f"),
             *counts,
         ])
     return pd.DataFrame(rows, columns=["seed", "RMSE [m]", "NEES", "triggered", "failed"])
@@ -135,14 +135,14 @@ def record(sweep: Sweep, to: report.Report) -> None:
 def draw_world(ax: Axes, base: Baseline, tau: float | None = None) -> None:
     """True and estimated trajectory and landmarks; poses of triggered windows marked."""
     true, estimate = base.world.poses, base.solution.poses
-    ax.plot(*true[:, :2].T, "-", color=show.TRUTH, lw=0.7, label="truth")
-    ax.plot(*estimate[:, :2].T, "o-", color=show.ESTIMATE, lw=0.7, ms=2, label="iSAM2")
+    ax.plot(*true[:, :2].T, "-", color=style.TRUTH, lw=0.7, label="truth")
+    ax.plot(*estimate[:, :2].T, "o-", color=style.ESTIMATE, lw=0.7, ms=2, label="iSAM2")
     if tau is not None:
         fired = np.flatnonzero(base.fired(tau))
         marked = sorted({int(t) + i for t in fired for i in range(windows.WIDTH)})
-        ax.plot(*estimate[marked, :2].T, "o", color=show.TRIGGERED, ms=3, label="fires")
-    ax.plot(*base.world.landmarks.T, "*", color=show.TRUTH, ms=5, label="landmark")
-    ax.plot(*base.solution.landmarks.T, "+", color=show.ESTIMATE, ms=5, label="estimate")
+        ax.plot(*estimate[marked, :2].T, "o", color=style.TRIGGERED, ms=3, label="fires")
+    ax.plot(*base.world.landmarks.T, "*", color=style.TRUTH, ms=5, label="landmark")
+    ax.plot(*base.solution.landmarks.T, "+", color=style.ESTIMATE, ms=5, label="estimate")
     ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     legend_above(ax)
 
@@ -151,7 +151,7 @@ def draw_ranges(ax: Axes, base: Baseline, t: int) -> None:
     """The circles that the ranges of pose t draw around the landmarks they are credited to."""
     the_world = base.world
     draw_world_truth(ax, base)
-    looks = {False: (show.ESTIMATE, "-", "right"), True: (show.TRIGGERED, "--", "wrong")}
+    looks = {False: (style.ESTIMATE, "-", "right"), True: (style.TRIGGERED, "--", "wrong")}
     for m in np.flatnonzero(the_world.pose_of == t):
         colour, line, _ = looks[bool(the_world.label_of[m] != the_world.source_of[m])]
         centre = the_world.landmarks[the_world.label_of[m]]
@@ -159,7 +159,7 @@ def draw_ranges(ax: Axes, base: Baseline, t: int) -> None:
         ax.plot(*centre, "o", mfc="none", color=colour, ms=7)
     for colour, line, name in looks.values():
         ax.plot([], [], ls=line, color=colour, label=f"credited to the {name} landmark")
-    ax.plot(*the_world.poses[t, :2], "o", color=show.TRUTH, ms=5)
+    ax.plot(*the_world.poses[t, :2], "o", color=style.TRUTH, ms=5)
     reach = 1.7 * np.abs(the_world.poses[:, :2]).max()
     ax.set(xlim=(-reach, reach), ylim=(-reach, reach))
     legend_above(ax, ncols=2)
@@ -167,19 +167,19 @@ def draw_ranges(ax: Axes, base: Baseline, t: int) -> None:
 
 def draw_world_truth(ax: Axes, base: Baseline) -> None:
     """The true path and landmarks."""
-    ax.plot(*base.world.poses[:, :2].T, "-", color=show.TRUTH, lw=0.7)
-    ax.plot(*base.world.landmarks.T, "*", color=show.TRUTH, ms=5)
+    ax.plot(*base.world.poses[:, :2].T, "-", color=style.TRUTH, lw=0.7)
+    ax.plot(*base.world.landmarks.T, "*", color=style.TRUTH, ms=5)
     ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
 
 
 def draw_scores(ax: Axes, base: Baseline, tau: float) -> None:
     """Score of every window, those that fire and those that failed marked, with the threshold."""
     t, fired = np.arange(len(base.scores)), base.fired(tau)
-    ax.plot(t[~fired], base.scores[~fired], "o", color=show.ESTIMATE, ms=2.5)
-    ax.plot(t[fired], base.scores[fired], "o", color=show.TRIGGERED, ms=2.5, label="fires")
-    ax.plot(t[base.failed], base.scores[base.failed] + 0.08, "v", color=show.TRUTH, ms=2,
+    ax.plot(t[~fired], base.scores[~fired], "o", color=style.ESTIMATE, ms=2.5)
+    ax.plot(t[fired], base.scores[fired], "o", color=style.TRIGGERED, ms=2.5, label="fires")
+    ax.plot(t[base.failed], base.scores[base.failed] + 0.08, "v", color=style.TRUTH, ms=2,
             label="failed")  # fmt: skip
-    ax.axhline(tau, color=show.TRIGGERED, lw=0.8, ls="--", label=rf"$\tau$ = {tau:g}")
+    ax.axhline(tau, color=style.TRIGGERED, lw=0.8, ls="--", label=rf"$\tau$ = {tau:g}")
     ax.set(xlabel="window", ylabel="score")
     ax.margins(y=0.12)
     legend_above(ax)
@@ -189,9 +189,9 @@ def draw_nees(ax: Axes, p: Sequence[float], ours: Sequence[float], printed: Sequ
     """NEES against p, log scale, ours and as printed (None where the paper has no value)."""
     pairs = [(x, y) for x, y in zip(p, printed, strict=True) if y is not None]
     if pairs:
-        ax.semilogy(*zip(*pairs, strict=True), "s--", color=show.PRINTED, label="printed")
-    ax.semilogy(p, ours, "o-", color=show.ESTIMATE, label="ours")
-    ax.axhline(2, color=show.TRUTH, lw=0.6, ls=":", label="consistent")
+        ax.semilogy(*zip(*pairs, strict=True), "s--", color=style.PRINTED, label="printed")
+    ax.semilogy(p, ours, "o-", color=style.ESTIMATE, label="ours")
+    ax.axhline(2, color=style.TRUTH, lw=0.6, ls=":", label="consistent")
     ax.set(xlabel=WRONG_LABEL, ylabel="NEES")
     legend_above(ax)
 
@@ -202,8 +202,8 @@ def draw_score_boxes(
     """Box plots of the pooled scores per p (whiskers to 1.5 interquartile ranges)."""
     ax.boxplot(
         list(scores), tick_labels=[f"{x:g}" for x in p], widths=0.6,
-        flierprops={"marker": ".", "markersize": 2}, medianprops={"color": show.ESTIMATE},
+        flierprops={"marker": ".", "markersize": 2}, medianprops={"color": style.ESTIMATE},
     )  # fmt: skip
-    ax.axhline(tau, color=show.TRIGGERED, lw=0.8, ls="--", label=rf"$\tau$ = {tau:g}")
+    ax.axhline(tau, color=style.TRIGGERED, lw=0.8, ls="--", label=rf"$\tau$ = {tau:g}")
     ax.set(xlabel=WRONG_LABEL, ylabel="score")
     legend_above(ax)

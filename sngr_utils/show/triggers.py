@@ -6,13 +6,14 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from sngr_utils import report
 from sngr_utils.detection import scores
 from sngr_utils.metrics import standard_error
-from sngr_utils.show import style as show
+from sngr_utils.publish import report
+from sngr_utils.publish.cells import text
+from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
 
-t = report.text
+t = text
 
 NAMES = {
     "condition": "condition number",
@@ -163,20 +164,22 @@ def auc_series(
 
 
 STATES = {  # state of a window -> colour and marker
-    "neither": (show.ESTIMATE, "."),
-    "wrong labels, not failed": (show.LANDMARK, "o"),
-    "failed": (show.TRIGGERED, "x"),
+    "neither": (style.ESTIMATE, "."),
+    "wrong labels, not failed": (style.LANDMARK, "o"),
+    "failed": (style.TRIGGERED, "x"),
 }
 
 
 def draw_p_values(ax: Axes, surprises: dict[str, np.ndarray]) -> None:
     """Histograms of p-values of clean windows: name -> -log10 p; flat if the law is right."""
-    for (name, values), colour in zip(surprises.items(), (show.PRINTED, show.SAMPLES), strict=True):
+    for (name, values), colour in zip(
+        surprises.items(), (style.PRINTED, style.SAMPLES), strict=True
+    ):
         ax.hist(
             10.0**-values, np.linspace(0, 1, 11), density=True, histtype="step", lw=1.4,
             color=colour, label=name,
         )  # fmt: skip
-    ax.axhline(1, color=show.TRUTH, lw=0.6, ls=":")
+    ax.axhline(1, color=style.TRUTH, lw=0.6, ls=":")
     ax.set(xlabel="p-value of a clean window", ylabel="density", xlim=(0, 1))
     legend_above(ax)
 
@@ -197,11 +200,11 @@ def draw_along(axes: Sequence[Axes], rows: pd.DataFrame, panels: dict[str, tuple
             ax.set_yscale("symlog", linthresh=1)
         ax.fill_between(
             window, 0, 1, where=wrong, step="mid", transform=ax.get_xaxis_transform(),
-            color=show.LANDMARK, alpha=0.25, lw=0, label="wrong labels in the window",
+            color=style.LANDMARK, alpha=0.25, lw=0, label="wrong labels in the window",
         )  # fmt: skip
-        ax.plot(window, score, "o-", color=show.ESTIMATE, ms=2.5, lw=0.7)
-        ax.plot(window[failed], score[failed], "x", color=show.TRIGGERED, ms=5, label="failed")
-        ax.axhline(threshold, color=show.TRUTH, lw=0.7, ls="--", label="threshold")
+        ax.plot(window, score, "o-", color=style.ESTIMATE, ms=2.5, lw=0.7)
+        ax.plot(window[failed], score[failed], "x", color=style.TRIGGERED, ms=5, label="failed")
+        ax.axhline(threshold, color=style.TRUTH, lw=0.7, ls="--", label="threshold")
         ax.set_ylabel(label)
         ax.margins(y=0.15)
     axes[-1].set_xlabel("window")
@@ -219,8 +222,8 @@ def draw_states(ax: Axes, rows: pd.DataFrame, thresholds: tuple[float, float]) -
             here["chi_square_robust"], here["disagreement"], marker, ms=2.5, mfc="none", mew=0.6,
             color=colour, alpha=0.7, label=name,
         )  # fmt: skip
-    ax.axvline(thresholds[0], color=show.TRUTH, lw=0.6, ls="--")
-    ax.axhline(thresholds[1], color=show.TRUTH, lw=0.6, ls="--")
+    ax.axvline(thresholds[0], color=style.TRUTH, lw=0.6, ls="--")
+    ax.axhline(thresholds[1], color=style.TRUTH, lw=0.6, ls="--")
     ax.set_xscale("symlog", linthresh=1)
     ax.set_xlim(left=-0.3)
     ax.set_yscale("log")
@@ -231,14 +234,14 @@ def draw_states(ax: Axes, rows: pd.DataFrame, thresholds: tuple[float, float]) -
 def draw_aucs(ax: Axes, series: dict[str, tuple], title: str, legend: bool) -> None:
     """AUC per case with its interval: name -> cases, AUC, low, high."""
     cases = max((given[0] for given in series.values()), key=len)
-    looks = zip(series.items(), show.SEQUENCE, "os^vD<", strict=False)
+    looks = zip(series.items(), style.SEQUENCE, "os^vD<", strict=False)
     for i, ((name, (mine, auc, low, high)), colour, marker) in enumerate(looks):
         x = np.array([cases.index(case) for case in mine]) + 0.07 * (i - 2)
         bars = np.nan_to_num([auc - low, high - auc])
         ax.errorbar(
             x, auc, bars, fmt=marker, color=colour, mfc="none", lw=0.8, capsize=1.5, label=name
         )
-    ax.axhline(0.5, color=show.TRUTH, lw=0.6, ls=":")
+    ax.axhline(0.5, color=style.TRUTH, lw=0.6, ls=":")
     ax.set_xticks(range(len(cases)), cases, rotation=35, ha="right")
     ax.set(ylabel=f"AUC, {title}", ylim=(0.2, 1.03))
     if legend:

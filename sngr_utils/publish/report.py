@@ -21,20 +21,15 @@ from matplotlib.figure import Figure
 from ruamel.yaml import YAML
 
 from sngr_utils import paths
-from sngr_utils.metrics.standard_error import standard_deviation, standard_error
+from sngr_utils.metrics.standard_error import standard_error
+from sngr_utils.publish.cells import show
 
 TIMING = "_timing"  # end of the name of a figure that shows wall clocks
-NONE = "–"  # what a table shows where there is nothing to show
 
 STANDARD_ERRORS = 3  # within which another run reproduces a mean
 ROUNDING = 1e-9  # relative to a value, or to 1: an error below it is none
 
 NUMBER_LIST = re.compile(r"\[\s*(?:(?:-?[\d.]+(?:e[+-]?\d+)?|null),?\s*)+\]")
-
-LATEX_CELL = str.maketrans({
-    "±": r"$\pm$", "×": r"$\times$", "–": "--", "−": "$-$", "σ": r"$\sigma$", "τ": r"$\tau$",
-    "Δ": r"$\Delta$", "µ": r"$\mu$", "%": r"\%", "&": r"\&", "_": r"\_", "#": r"\#",
-})  # fmt: skip
 
 
 @cache
@@ -46,26 +41,6 @@ def printed_values() -> dict:
 def versions() -> str:
     """The versions a result depends on most."""
     return ", ".join(f"{name} {version(name)}" for name in ("gtsam", "dynesty", "numpy"))
-
-
-def text(value: float | None, fmt: str = ".2f") -> str:
-    """A number as a table cell: a proper minus sign, no "-0.00", a dash for None and NaN."""
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return NONE
-    shown = format(value, fmt)
-    if shown.startswith("-"):
-        shown = shown[1:] if float(shown) == 0 else "−" + shown[1:]
-    return shown
-
-
-def mean_std(values: Sequence[float], fmt: str = ".2f") -> str:
-    """ "mean ± std" of at least two numbers (sample standard deviation)."""
-    return f"{text(float(np.mean(values)), fmt)} ± {text(standard_deviation(values), fmt)}"
-
-
-def show(frame: pd.DataFrame) -> HTML:
-    """A table of preformatted cells for display in a notebook, without its row numbers."""
-    return HTML(frame.to_html(index=False, border=0))
 
 
 class Report:
@@ -205,59 +180,3 @@ def entries(result: dict) -> dict[str, dict]:
 def read_json(path: Path) -> dict:
     """What `write_json` wrote."""
     return json.loads(path.read_text(encoding="utf-8"))
-
-
-def latex(results: Sequence[dict], timings: Sequence[dict] = ()) -> dict[str, str]:
-    """File name -> LaTeX text: ``values.tex``, ``timings.tex`` and a file for each table.
-
-    Raises
-    ------
-    ValueError : two notebooks hand on the same key or table
-    """
-    files, taken = {}, set()
-    for file, group in (("values.tex", results), ("timings.tex", timings)):
-        lines = []
-        for result in group:
-            for key, entry in [*result["values"].items(), *result.get("samples", {}).items()]:
-                if key in taken:
-                    raise ValueError(f"value {key!r} of {result['notebook']} is already taken")
-                taken.add(key)
-                shown = latex_value(entry)
-                lines.append(rf"\expandafter\def\csname res@{key}\endcsname{{{shown}}}")
-            for name, table in result["tables"].items():
-                if f"tab_{name}.tex" in files:
-                    raise ValueError(f"table {name!r} of {result['notebook']} is already taken")
-                files[f"tab_{name}.tex"] = latex_table(table)
-        files[file] = "\n".join(lines) + "\n"
-    return files
-
-
-def latex_value(entry: dict) -> str:
-    """ "12.3 ± 0.4 m" as LaTeX."""
-    shown = text(entry["value"], entry["format"])
-    if entry["value"] is None:
-        return shown.translate(LATEX_CELL)
-    if entry.get("standard_error") is not None:
-        shown += f" ± {text(entry['standard_error'], entry['format'])}"
-    if entry["unit"]:
-        shown += "~" + entry["unit"]
-    return shown.translate(LATEX_CELL)
-
-
-def latex_table(table: dict) -> str:
-    """A whole booktabs tabular, grouped heads spanning columns.
-
-    The first column is left-aligned and the others centred, unless the table says its "align".
-    """
-    columns = [tuple(cell.translate(LATEX_CELL) for cell in head) for head in table["columns"]]
-    rows = [[cell.translate(LATEX_CELL) for cell in row] for row in table["rows"]]
-    frame = pd.DataFrame(rows)
-    frame.columns = (
-        pd.MultiIndex.from_tuples(columns)
-        if len(columns[0]) > 1
-        else pd.Index([head[0] for head in columns])
-    )
-    align = table.get("align", "l" + "c" * (len(columns) - 1))
-    return frame.style.hide(axis="index").to_latex(
-        hrules=True, multicol_align="c", column_format=align
-    )

@@ -12,9 +12,10 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
-from sngr_utils import paths, printed
-from sngr_utils.contradictions import contradictions
-from sngr_utils.parameters import ProjectError, read_yaml
+from sngr_utils import paths
+from sngr_utils.publish import printed
+from sngr_utils.publish.contradictions import contradictions
+from sngr_utils.publish.parameters import ProjectError, read_yaml
 from sngr_utils.slam.conventions import PRESETS
 
 

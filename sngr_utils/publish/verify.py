@@ -11,8 +11,9 @@ from pathlib import Path
 
 import pandas as pd
 
-from sngr_utils import paths, report, verdict_tables
-from sngr_utils.parameters import ProjectError, notebook_names
+from sngr_utils import paths
+from sngr_utils.publish import report, verdict_tables
+from sngr_utils.publish.parameters import ProjectError, notebook_names
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,10 @@ from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError, DeadKernelError
 from papermill.exceptions import PapermillExecutionError
 
-from sngr_utils import claims, paths, report, verdict_tables
-from sngr_utils.dependencies import imported_files
-from sngr_utils.parameters import (
+from sngr_utils import paths
+from sngr_utils.publish import claims, latex, report, verdict_tables
+from sngr_utils.publish.dependencies import imported_files
+from sngr_utils.publish.parameters import (
     OUTPUT_DIR,
     ProjectError,
     notebook_names,
@@ -98,7 +99,7 @@ def _is_whole(path: Path, digest: str) -> bool:
     content = report.read_json(path)
     if path.suffix == ".ipynb":
         return bool(content["cells"])
-    return bool(report.latex([], [content]))
+    return bool(latex.latex([], [content]))
 
 
 def run_notebook(name: str) -> None:
@@ -262,7 +263,7 @@ def write_latex() -> None:
     judged = verdict_tables.judged(verdict_tables.results_in(paths.RESULTS))
     folder = paths.PAPER / "generated"
     folder.mkdir(exist_ok=True)
-    files = report.latex([*results, verdict_tables.result(judged)], timings)
+    files = latex.latex([*results, verdict_tables.result(judged)], timings)
     files["claims_full.tex"] = verdict_tables.chunks(judged[claims.read().reading])
     for old in folder.iterdir():
         if old.name not in files:

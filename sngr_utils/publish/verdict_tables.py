@@ -5,10 +5,11 @@ from pathlib import Path
 
 import pandas as pd
 
-from sngr_utils import claims, paths, report, rules, verdicts
-from sngr_utils.parameters import ProjectError, notebook_names
+from sngr_utils import paths
+from sngr_utils.publish import cells, claims, judge, latex, report, rules
+from sngr_utils.publish.judge import Row
+from sngr_utils.publish.parameters import ProjectError, notebook_names
 from sngr_utils.slam import conventions
-from sngr_utils.verdicts import Row
 
 BEGIN, END = "<!-- claims: written by make reference -->", "<!-- /claims -->"
 ROWS_PER_PAGE = 54
@@ -18,17 +19,17 @@ HEADS = dict(zip(rules.VERDICTS, ("R", "T", "N", "C", "–"), strict=True))
 
 def judged(results: dict[str, dict]) -> dict[str, list[Row]]:
     """Preset -> verdicts under it."""
-    return {preset: verdicts.evaluate(results, preset) for preset in conventions.PRESETS}
+    return {preset: judge.evaluate(results, preset) for preset in conventions.PRESETS}
 
 
 def result(by_preset: dict[str, list[Row]]) -> dict:
-    """Counts and tables of the verdicts in the form of a notebook's JSON, for `report.latex`."""
+    """Counts and tables of the verdicts in the form of a notebook's JSON, for `latex.latex`."""
     rows = by_preset[claims.read().reading]
     values = {}
     for kind, name in KINDS.items():
         values[f"claims.{name}.total"] = _count(sum(row.kind == kind for row in rows))
         for preset, judged_rows in by_preset.items():
-            for verdict, n in verdicts.counts(judged_rows, kind).items():
+            for verdict, n in judge.counts(judged_rows, kind).items():
                 key = f"claims.{name}.{verdict.replace(' ', '_')}"
                 values[f"{key}.{preset}"] = _count(n)
                 if judged_rows is rows:
@@ -55,7 +56,7 @@ def summary(by_preset: dict[str, list[Row]]) -> pd.DataFrame:
     reading, rows = claims.read().reading, []
     for kind, name in KINDS.items():
         for preset in sorted(by_preset, key=lambda each: each != reading):
-            found = verdicts.counts(by_preset[preset], kind)
+            found = judge.counts(by_preset[preset], kind)
             shown = f"{name}, preset {preset}" + (" (our reading)" if preset == reading else "")
             rows.append([shown, *map(str, found.values()), str(sum(found.values()))])
     return pd.DataFrame(rows, columns=["claims", *rules.VERDICTS, "all"])
@@ -76,7 +77,7 @@ def groups(rows: list[Row]) -> pd.DataFrame:
 
 def _range(values: list[float | None]) -> str:
     known = [value for value in values if value is not None]
-    ends = [report.text(end, ".3g") for end in (min(known), max(known))] if known else [report.NONE]
+    ends = [cells.text(end, ".3g") for end in (min(known), max(known))] if known else [cells.NONE]
     return ends[0] if ends[0] == ends[-1] else f"{ends[0]} to {ends[-1]}"
 
 
@@ -89,12 +90,12 @@ def prose(rows: list[Row]) -> pd.DataFrame:
 
 def chunks(rows: list[Row]) -> str:
     """LaTeX: every claim with its verdict, as full-width tables that fill a page each."""
-    frame = verdicts.frame(rows).drop(columns=["where", "what", "why"])
+    frame = judge.frame(rows).drop(columns=["where", "what", "why"])
     frame["cell"] = frame.pop("notebook") + ": " + frame["cell"]
     pages = [frame.iloc[i : i + ROWS_PER_PAGE] for i in range(0, len(frame), ROWS_PER_PAGE)]
     text = []
     for number, page in enumerate(pages, start=1):
-        tabular = report.latex_table(_table(page, "l" * len(page.columns)))
+        tabular = latex.latex_table(_table(page, "l" * len(page.columns)))
         text.append(
             "\\begin{table*}[p]\n\\caption{Every claim with its verdict, "
             f"part {number} of {len(pages)}. The cell that decides is in the last column.}}\n"

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from scipy import stats
 
-from sngr_utils.printed import Printed
+from sngr_utils.publish.printed import Printed
 
 REPRODUCED = "reproduced"
 TREND = "trend reproduced"

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
-from sngr_utils.printed import SLACK, Path, Printed, ratio
+from sngr_utils.publish.printed import SLACK, Path, Printed, ratio
 
 N_WINDOWS = 28
 MAX_TRIGGERS = 26  # the first two windows may not fire

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from sngr_utils import claims, printed, rules
-from sngr_utils.claims import NumberEntry, ProseEntry
-from sngr_utils.contradictions import Contradiction, contradictions
-from sngr_utils.parameters import ProjectError
-from sngr_utils.report import NONE, text
+from sngr_utils.publish import claims, printed, rules
+from sngr_utils.publish.cells import NONE, text
+from sngr_utils.publish.claims import NumberEntry, ProseEntry
+from sngr_utils.publish.contradictions import Contradiction, contradictions
+from sngr_utils.publish.parameters import ProjectError
 
 RESAMPLING_SEED = 0  # of the splits behind a mean of five worlds; the same for every claim
 

@@ -1,0 +1,1 @@
+"""From results to the PDF: reports, verdicts, LaTeX, the headless runner, `make verify`."""
