@@ -12,9 +12,9 @@ JOBS ?= 2
 # The last ones first: they take longest, and the short ones fill what is left of two cores.
 NOTEBOOKS := $(notdir $(basename $(shell ls -r notebooks/*.ipynb)))
 PY := .venv/bin/python
-RUN := $(PY) -m sngr_utils.run
+RUN := $(PY) -m sngr_utils.publish.run
 # Once for all notebooks and tests that follow; seconds if it has been done.
-COMPILE := $(PY) -m sngr_utils.warm_up
+COMPILE := $(PY) -m sngr_utils.experiments.warm_up
 
 # The environment is private: nothing of the user's Python, Jupyter or Matplotlib set-up counts.
 unexport PYTHONPATH PYTHONHOME PYTHONOPTIMIZE JUPYTER_PATH VIRTUAL_ENV MPLBACKEND CDPATH BASH_ENV
@@ -89,12 +89,12 @@ $(NOTEBOOKS:%=refresh/%): refresh/%: setup
 verify: check
 	@$(COMPILE)
 	@+$(SUBMAKE) $(PARALLEL) $(NOTEBOOKS:%=scratch/%)
-	@$(PY) -m sngr_utils.verify compare
+	@$(PY) -m sngr_utils.publish.verify compare
 
 # The engines side by side as a table, with the parameters of notebook 04.
 bench: check
 	@$(COMPILE)
-	@$(PY) -m sngr_utils.cost
+	@$(PY) -m sngr_utils.show.cost
 
 .PHONY: bench $(NOTEBOOKS:%=scratch/%)
 $(NOTEBOOKS:%=scratch/%): scratch/%: setup
@@ -102,7 +102,7 @@ $(NOTEBOOKS:%=scratch/%): scratch/%: setup
 
 # After a deliberate change: make the results at hand the reference.
 reference: results
-	@$(PY) -m sngr_utils.verify adopt
+	@$(PY) -m sngr_utils.publish.verify adopt
 
 tex:
 	@bash scripts/install_tex.sh
@@ -123,6 +123,7 @@ coverage: check
 
 lint: setup
 	@$(PY) -m ruff check . && $(PY) -m ruff format --check .
+	@.venv/bin/lint-imports --no-cache > build/imports.log || { cat build/imports.log; exit 1; }
 
 lock:
 	@command -v uv > /dev/null || { echo 'make lock needs uv on the PATH' >&2; exit 1; }

@@ -10,13 +10,12 @@ from pydantic import Field, model_validator
 from sngr_utils.experiments import estimators, online_variants
 from sngr_utils.online import estimator, localisation
 from sngr_utils.sampling.targets import place
-from sngr_utils.settings import Positive, Probability, Seed
+from sngr_utils.settings import READING, Positive, Probability, Seed
 from sngr_utils.slam import conventions
 from sngr_utils.world import dead_reckoning, simulation
 from sngr_utils.world.scenario import ManyWorlds
 
 Levels = Annotated[list[Probability], Field(min_length=1)]
-READING = "C"  # preset: GTSAM's own iSAM2 settings
 FRAMES = [3, 5, 8, 15, 29]  # poses at which the film is stopped
 FEW = (2, 3, 4, 6)  # poses of the first picture
 

@@ -17,7 +17,7 @@ from sngr_utils.experiments import (
     window_posteriors,
 )
 from sngr_utils.sampling import settings, weighted_samples
-from sngr_utils.settings import Positive, Probability
+from sngr_utils.settings import READING, Positive, Probability
 from sngr_utils.slam import levenberg_marquardt
 from sngr_utils.slam.conventions import PRESETS
 from sngr_utils.sngr import corrected, noop_baseline, trigger, windows
@@ -26,7 +26,6 @@ from sngr_utils.world.scenario import ManyWorlds
 
 Levels = Annotated[list[Probability], Field(min_length=1)]
 NOOP_P = 0.3  # where the paper prints the mean log weight of its no-op sampler
-READING = "C"  # preset of the figures; tables have all three
 ROBUST = (
     "dead_reckoning", "least_squares", "huber", "cauchy", "dcs", "geman_mcclure", "gnc_tls",
     "oracle",

@@ -19,13 +19,12 @@ from sngr_utils.robust import (
     switchable_constraints,
 )
 from sngr_utils.robust.losses import GNC_SQUARED
-from sngr_utils.settings import Probability, Seed
+from sngr_utils.settings import READING, Probability, Seed
 from sngr_utils.slam.conventions import PRESETS
 from sngr_utils.world import simulation
 from sngr_utils.world.scenario import ManyWorlds, Scenario
 
 Levels = Annotated[list[Probability], Field(min_length=1)]
-READING = "C"  # preset: GTSAM's own iSAM2 settings
 BEST = "em_exclusive"  # what the others are tested against
 N_RIGHT, N_WRONG, WRONG_BY = 7, 3, 1.0  # ranges of the first example, and an error of [m]
 

@@ -8,6 +8,9 @@ Positive = Annotated[float, Field(gt=0)]
 Probability = Annotated[float, Field(ge=0, le=1)]
 Seed = Annotated[int, Field(ge=0)]
 
+PRESET_NAMES = ("A", "B", "C")  # names of `conventions.PRESETS`: what the paper leaves open
+READING = "C"  # the preset that is our reading of the paper: GTSAM's own iSAM2 settings
+
 
 class Checked(BaseModel):
     """Base of all parameter sets: frozen, strictly typed, no unknown names, no NaN.

@@ -12,12 +12,11 @@ from sngr_utils.detection import scores, thresholds
 from sngr_utils.experiments import detector_scores, detector_summary
 from sngr_utils.experiments.detector_scores import Case
 from sngr_utils.metrics import cluster_bootstrap
-from sngr_utils.settings import Positive, Probability, Seed
+from sngr_utils.settings import READING, Positive, Probability, Seed
 from sngr_utils.slam.conventions import PRESETS
 from sngr_utils.sngr import failure, trigger
 from sngr_utils.world.scenario import ManyWorlds
 
-READING = "C"  # preset: GTSAM's own iSAM2 settings
 NULL_SCENARIOS = ("radius 3 m", "100 poses")  # where the estimate that is tested matters
 EVERY_P = "all p"
 AT_LIMIT = {"disagreement": failure.FAILURE_ERROR}  # its threshold is what failure means

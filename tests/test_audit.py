@@ -5,7 +5,7 @@ from ruamel.yaml import YAML
 
 from sngr_utils import audit, paths
 from sngr_utils.experiments import isam2_over_worlds, sampler_numbers
-from sngr_utils.publish import claims, parameters, report
+from sngr_utils.publish import cells, claims, parameters, report
 from sngr_utils.show import audit as show
 from sngr_utils.slam import conventions
 from sngr_utils.sngr import noop_baseline
@@ -94,10 +94,10 @@ def test_tables_are_whole(small, sweep, studies):
 
 def test_interval_and_its_absence():
     row = pd.Series({"mean": 1.0, "low": 0.5, "high": 1.5, "n": 9, "missing": 0})
-    assert show.interval(row) == "1.00 [0.50, 1.50]"
-    assert show.interval(row.replace({0: 2})) == "1.00 [0.50, 1.50] (9)"
-    assert show.interval(pd.Series({**row, "n": 4, "missing": 5})) == "1.00 (4)"
-    assert show.interval(pd.Series({**row, "n": 0})) == "–"
+    assert cells.interval(row) == "1.00 [0.50, 1.50]"
+    assert cells.interval(row.replace({0: 2})) == "1.00 [0.50, 1.50] (9)"
+    assert cells.interval(pd.Series({**row, "n": 4, "missing": 5})) == "1.00 (4)"
+    assert cells.interval(pd.Series({**row, "n": 0})) == "–"
 
 
 def test_readings_of_the_noop_weight_hold_the_closed_form(noisy):

@@ -70,7 +70,7 @@ def test_dynesty_is_given_the_settings(monkeypatch):
         seen.update(named)
         return sampler
 
-    monkeypatch.setattr(nested, "NestedSampler", watched)
+    monkeypatch.setattr(dynesty_nested, "NestedSampler", watched)
     settings = SamplerSettings(n_live=25, min_walks=4, dlogz=3.0)
     found = dynesty_nested.run_nested(
         lambda x: -0.5 * x @ x, prior_transform.prior_transform(np.eye(2), 4.0), 2, settings,

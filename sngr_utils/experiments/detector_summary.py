@@ -39,7 +39,9 @@ def ranking(
             found.append({
                 **dict(zip(GROUPS, keys, strict=True)), "detector": name, "truth": truth,
                 **_columns("auc", cluster_bootstrap.roc_auc(score, true, worlds, rng=rng)),
-                **_columns("precision", cluster_bootstrap.average_precision(score, true, worlds, rng=rng)),
+                **_columns(
+                    "precision", cluster_bootstrap.average_precision(score, true, worlds, rng=rng)
+                ),
                 **_columns("within", cluster_bootstrap.Interval(within, low, high)),
                 "base_rate": true.mean(), "worlds": len(np.unique(worlds)),
             })  # fmt: skip

@@ -193,8 +193,8 @@ def auc_rows(sweep: Sweep, *, rng: np.random.Generator) -> pd.DataFrame:
             score, failed, found["seed"].to_numpy(), rng=rng
         )
         rows.append({
-            "preset": preset, "p": p, "pooled": precision_recall.roc_auc(score, failed), "within": within,
-            "low": low, "high": high, "worlds": n,
+            "preset": preset, "p": p, "pooled": precision_recall.roc_auc(score, failed),
+            "within": within, "low": low, "high": high, "worlds": n,
             "average_precision": precision_recall.average_precision(score, failed),
             "base_rate": float(failed.mean()),
         })  # fmt: skip

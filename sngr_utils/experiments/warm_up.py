@@ -1,6 +1,6 @@
 """Compile everything that is compiled, once, before notebooks and tests run side by side.
 
-``python -m sngr_utils.warm_up``; seconds if an earlier run has done it.
+``python -m sngr_utils.experiments.warm_up``; seconds if an earlier run has done it.
 """
 
 import gtsam

@@ -75,7 +75,7 @@ def average_precision(
 def matthews(
     fired: np.ndarray, truth: np.ndarray, worlds: np.ndarray, *, rng: np.random.Generator
 ) -> Interval:
-    """Matthews correlation of decisions and truth, both (N,) bool; see `precision_recall.Detection`."""
+    """Matthews correlation of decisions and truth, both (N,) bool; see `Detection.mcc`."""
     names, group = _groups(worlds)
     cells = [fired & truth, fired & ~truth, ~fired & truth, ~fired & ~truth]
     counts = np.array([np.bincount(group, cell, len(names)) for cell in cells])

@@ -1,4 +1,4 @@
-"""Errors of an estimate: RMSE, and NEES, which asks whether its covariance is consistent with them."""
+"""Errors of an estimate: RMSE, and NEES, which holds them against its covariance."""
 
 import numpy as np
 

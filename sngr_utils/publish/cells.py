@@ -10,6 +10,7 @@ from IPython.display import HTML
 from sngr_utils.metrics.standard_error import standard_deviation
 
 NONE = "–"  # what a table shows where there is nothing to show
+FEW = 5  # worlds below which no interval is shown
 
 
 def text(value: float | None, fmt: str = ".2f") -> str:
@@ -30,3 +31,13 @@ def mean_std(values: Sequence[float], fmt: str = ".2f") -> str:
 def show(frame: pd.DataFrame) -> HTML:
     """A table of preformatted cells for display in a notebook, without its row numbers."""
     return HTML(frame.to_html(index=False, border=0))
+
+
+def interval(row: pd.Series, fmt: str = ".2f") -> str:
+    """ "mean [low, high] (n)"; no interval below five worlds, n only where worlds are left out."""
+    if row["n"] == 0:
+        return NONE
+    shown = text(row["mean"], fmt)
+    if row["n"] >= FEW:
+        shown += f" [{text(row['low'], fmt)}, {text(row['high'], fmt)}]"
+    return shown + (f" ({int(row['n'])})" if row["missing"] else "")

@@ -16,7 +16,7 @@ from sngr_utils import paths
 from sngr_utils.publish import printed
 from sngr_utils.publish.contradictions import contradictions
 from sngr_utils.publish.parameters import ProjectError, read_yaml
-from sngr_utils.slam.conventions import PRESETS
+from sngr_utils.settings import PRESET_NAMES
 
 
 class Entry(BaseModel):
@@ -84,7 +84,7 @@ class Claims(BaseModel):
     """``claims.yaml`` as a whole."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
-    reading: Literal[tuple(PRESETS)]
+    reading: Literal[PRESET_NAMES]
     why_this_reading: str
     numbers: list[NumberEntry]
     prose: list[ProseEntry]

@@ -1,6 +1,6 @@
 """Run the notebooks headless: check parameters, execute what is stale, publish the results.
 
-The Makefile calls this module; ``python -m sngr_utils.run --help`` lists its commands.
+The Makefile calls this module; ``python -m sngr_utils.publish.run --help`` lists its commands.
 """
 
 import argparse
@@ -300,7 +300,7 @@ def print_stale() -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Command line; returns the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m sngr_utils.run", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m sngr_utils.publish.run", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
     commands.add_parser("check", help="check all parameter files and the claims")
     commands.add_parser("stale", help="print the make targets that are out of date")

@@ -9,7 +9,7 @@ from sngr_utils import paths
 from sngr_utils.publish import cells, claims, judge, latex, report, rules
 from sngr_utils.publish.judge import Row
 from sngr_utils.publish.parameters import ProjectError, notebook_names
-from sngr_utils.slam import conventions
+from sngr_utils.settings import PRESET_NAMES
 
 BEGIN, END = "<!-- claims: written by make reference -->", "<!-- /claims -->"
 ROWS_PER_PAGE = 54
@@ -19,7 +19,7 @@ HEADS = dict(zip(rules.VERDICTS, ("R", "T", "N", "C", "–"), strict=True))
 
 def judged(results: dict[str, dict]) -> dict[str, list[Row]]:
     """Preset -> verdicts under it."""
-    return {preset: judge.evaluate(results, preset) for preset in conventions.PRESETS}
+    return {preset: judge.evaluate(results, preset) for preset in PRESET_NAMES}
 
 
 def result(by_preset: dict[str, list[Row]]) -> dict:
@@ -112,7 +112,7 @@ def readme_block(by_preset: dict[str, list[Row]]) -> str:
     table.insert(1, "|---" + "|---:" * (len(frame.columns) - 1) + "|")
     total = len(by_preset[reading])
     intro = (f"Verdicts on all {total} claims of the paper, by rules stated in\n"
-             "[claims.yaml](paper/claims.yaml) and `sngr_utils/rules.py`:")  # fmt: skip
+             "[claims.yaml](paper/claims.yaml) and `sngr_utils/publish/rules.py`:")  # fmt: skip
     return "\n".join([BEGIN, intro, "", *table, END])
 
 

@@ -132,7 +132,7 @@ def main(arguments: list[str]) -> int:
     except ProjectError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    print("usage: python -m sngr_utils.verify compare|adopt", file=sys.stderr)
+    print("usage: python -m sngr_utils.publish.verify compare|adopt", file=sys.stderr)
     return 2
 
 

@@ -1,4 +1,7 @@
-"""EM over the batch: poses, landmarks and the share of wrong labels, associations integrated out."""
+"""EM over the batch: poses, landmarks and the share of wrong labels together.
+
+The posterior of the associations alternates with a weighted least-squares estimate.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property

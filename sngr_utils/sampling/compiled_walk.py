@@ -1,7 +1,7 @@
 """dynesty with its random walk compiled, through dynesty's public sampler interface.
 
-The proposals are those of `dynesty_nested.CanonicalWalk`, the likelihood is `compiled.energy`; dynesty
-keeps the live points, the bounding ellipsoid, the step size and the evidence.
+The proposals are those of `dynesty_nested.CanonicalWalk`, the likelihood is `compiled.energy`;
+dynesty keeps the live points, the bounding ellipsoid, the step size and the evidence.
 """
 
 import math

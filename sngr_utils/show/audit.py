@@ -11,7 +11,7 @@ from sngr_utils.audit import NOOP_P, Config, WindowStudies
 from sngr_utils.experiments import isam2_over_worlds
 from sngr_utils.metrics import standard_error, summaries
 from sngr_utils.publish import report
-from sngr_utils.publish.cells import NONE, text
+from sngr_utils.publish.cells import NONE, interval, text
 from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
 from sngr_utils.show.style import WRONG_LABEL
@@ -20,17 +20,6 @@ t = text
 
 
 NOTHING_MISSING = pd.Series({"missing": 0})
-FEW = 5  # worlds below which no interval is shown
-
-
-def interval(row: pd.Series, fmt: str = ".2f") -> str:
-    """ "mean [low, high] (n)"; no interval below five worlds, n only where worlds are left out."""
-    if row["n"] == 0:
-        return NONE
-    shown = t(row["mean"], fmt)
-    if row["n"] >= FEW:
-        shown += f" [{t(row['low'], fmt)}, {t(row['high'], fmt)}]"
-    return shown + (f" ({int(row['n'])})" if row["missing"] else "")
 
 
 def by_preset(
@@ -142,7 +131,8 @@ def corrected_table(table: pd.DataFrame) -> pd.DataFrame:
             f"{p:g}", preset, variant, t(100 * share, ".0f"),
             t(group["gain_median"].median(), ".3f"), t(group["gain_max"].median(), ".3f"),
             interval(summaries.mean_and_errors(settled), ".0f") if variant != "paper" else NONE,
-            interval(summaries.mean_and_errors(refined), ".1f"), t(group["sngr_nees"].median(), ".1f"),
+            interval(summaries.mean_and_errors(refined), ".1f"),
+            t(group["sngr_nees"].median(), ".1f"),
         ])  # fmt: skip
     heads = ["p", "preset", "version", "accepted [%]", "median gain [nats]", "largest gain [nats]",
              "settling: RMSE change [mm]", "refining: RMSE change [mm]", "NEES"]  # fmt: skip

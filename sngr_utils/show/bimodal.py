@@ -12,7 +12,7 @@ from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
 from sngr_utils.bimodal import Config, Result, full_hessian, gauss_newton_hessian, repeated
-from sngr_utils.metrics import standard_error
+from sngr_utils.metrics.standard_error import standard_error
 from sngr_utils.publish import cells, report
 from sngr_utils.sampling.weighted_samples import NestedRun
 from sngr_utils.show import style
@@ -59,7 +59,7 @@ def comparison_table(result: Result) -> pd.DataFrame:
             ["mass of the upper mode", cells.NONE,
              f"{t(result.upper_mass)} ± {t(result.upper_mass_error)}"],
             [f"same, mean of {len(result.upper_masses)} runs", cells.NONE,
-             f"{t(result.upper_masses.mean())} ± {t(standard_error.standard_error(result.upper_masses))}"],
+             f"{t(result.upper_masses.mean())} ± {t(standard_error(result.upper_masses))}"],
         ],
         columns=["quantity", "printed", "ours"],
     )  # fmt: skip
@@ -76,7 +76,7 @@ def record(result: Result, to: report.Report) -> None:
     to.value("bimodal.upper_mass", result.upper_mass, error=result.upper_mass_error)
     to.value("bimodal.resampled_error", result.resampled_error)
     to.value("bimodal.mass_spread", result.upper_mass_error, n=len(masses))
-    mean_error = standard_error.standard_error(masses)
+    mean_error = standard_error(masses)
     to.value("bimodal.mean_mass", masses.mean(), error=mean_error, n=len(masses))
     to.value("bimodal.bimodality", result.bimodality, n=len(result.samples))
     printed_best = np.array(report.printed_values()["bimodal"]["ns_best"])

@@ -10,7 +10,8 @@ from matplotlib.patches import Ellipse
 
 from sngr_utils import multimodal
 from sngr_utils.experiments import sampler_contest
-from sngr_utils.metrics import cluster_bootstrap, precision_recall, standard_error
+from sngr_utils.metrics import cluster_bootstrap, precision_recall
+from sngr_utils.metrics.standard_error import standard_error
 from sngr_utils.publish import report
 from sngr_utils.publish.cells import text
 from sngr_utils.show import style
@@ -182,7 +183,7 @@ def record(
     for (case, method), rows in runs.groupby(["case", "method"], sort=False):
         here = f"multimodal.{case.replace(', from the ', '_').replace(' ', '_')}.{names[method]}"
         errors = rows["mass_error"]
-        to.value(f"{here}.mass_error", errors.mean(), ".3f", error=standard_error.standard_error(errors),
+        to.value(f"{here}.mass_error", errors.mean(), ".3f", error=standard_error(errors),
                  n=len(rows))  # fmt: skip
         to.value(f"{here}.worst", errors.max(), ".2f", n=len(rows), within=0.1)
         to.value(

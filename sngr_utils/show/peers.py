@@ -10,9 +10,8 @@ from sngr_utils.experiments import estimators
 from sngr_utils.metrics import summaries
 from sngr_utils.peers import Config
 from sngr_utils.publish import report
-from sngr_utils.publish.cells import NONE, text
+from sngr_utils.publish.cells import NONE, interval, text
 from sngr_utils.show import style
-from sngr_utils.show.audit import interval
 
 LOST = 1.5  # times the oracle's RMSE, above which a run counts as lost
 t = text

@@ -149,7 +149,7 @@ def _check_values(poses, odometry, indices, sigmas) -> None:
 
 
 def covariance(solution: Solution, world: World, conventions: Conventions) -> ChainCovariance:
-    """Covariance blocks of a solution, linearised at its estimate as `marginals.gtsam_marginals` is.
+    """Covariance blocks of a solution, linearised at its estimate as GTSAM's marginals are.
 
     Parameters
     ----------

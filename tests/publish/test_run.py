@@ -30,7 +30,7 @@ prose:
    notebook: {NAME}, cell: c}}
 """
 BODY = """
-from sngr_utils import report
+from sngr_utils.publish import report
 import matplotlib.pyplot as plt
 paper = report.Report("01_bimodal", output_dir)
 fig, ax = plt.subplots()
@@ -356,7 +356,7 @@ SPOILED = {
     "a parameter": rewrite(f"params/{NAME}.yaml", "range_sigma: 0.2", "range_sigma: 0.21"),
     "a cell": rewrite(f"notebooks/{NAME}.ipynb", "seed, 1", "seed, 2"),
     "a sentence of the notebook": rewrite(f"notebooks/{NAME}.ipynb", "hello", "hallo"),
-    "a module": rewrite("sngr_utils/report.py", "STANDARD_ERRORS = 3", "STANDARD_ERRORS = 4"),
+    "a module": rewrite("sngr_utils/publish/report.py", "STANDARD_ERRORS = 3", "STANDARD_ERRORS = 4"),
     "a module that a module imports": rewrite("sngr_utils/paths.py", '"""Where', '"""Wo'),
     "a printed value": rewrite("paper/printed_values.yaml", "rmse: 0.15", "rmse: 0.16"),
     "the lock": rewrite("environment.lock", "numpy==", "numpy==9"),
@@ -405,7 +405,7 @@ def test_what_makes_results_stale(project):
     unrelated = project / "sngr_utils/cost.py"
     unrelated.write_text(unrelated.read_text() + "\n# changed\n")
     assert run.provenance(NAME, params) == before
-    used = project / "sngr_utils/report.py"
+    used = project / "sngr_utils/publish/report.py"
     used.write_text(used.read_text() + "\n# changed\n")
     assert run.provenance(NAME, params) != before
 
@@ -528,7 +528,7 @@ def test_quick_and_refresh(project):
 def test_interrupt_leaves_with_a_message():
     """SIGINT to a running command: a sentence, status 130, no traceback."""
     code = (
-        "import sys, time; from sngr_utils import run;"
+        "import sys, time; from sngr_utils.publish import run;"
         "run.check = lambda: (print('started', flush=True), time.sleep(60));"
         "sys.exit(run.main(['check']))"
     )

@@ -128,7 +128,7 @@ def test_reference_holds_for_the_sweep_and_a_perturbed_parameter_is_caught(paper
 
 
 def test_compare_and_adopt_on_folders(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(parameters, "notebook_names", lambda: ["01_bimodal"])
+    monkeypatch.setattr(verify, "notebook_names", lambda: ["01_bimodal"])
     monkeypatch.setattr(paths, "REFERENCE", tmp_path / "reference")
     monkeypatch.setattr(paths, "RESULTS", tmp_path / "verify/01_bimodal")
     monkeypatch.setattr(verdict_tables, "update_readme", lambda results: seen.update(results))
@@ -191,7 +191,7 @@ def test_the_committed_tolerances_are_what_a_report_writes(name):
     ],
 )  # fmt: skip
 def test_an_altered_reference_is_noticed(tmp_path, monkeypatch, capsys, damage, breaches):
-    monkeypatch.setattr(parameters, "notebook_names", lambda: ["01_bimodal"])
+    monkeypatch.setattr(verify, "notebook_names", lambda: ["01_bimodal"])
     monkeypatch.setattr(paths, "BUILD", tmp_path)
     monkeypatch.setattr(paths, "REFERENCE", tmp_path)
     to = report.Report("01_bimodal", tmp_path / "verify/01_bimodal")

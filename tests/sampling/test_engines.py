@@ -15,7 +15,6 @@ from sngr_utils.sampling import (
     pareto_k_hat,
     prior_transform,
 )
-from sngr_utils.sampling import settings as settings_module
 from sngr_utils.sampling.compiled_walk import CompiledWalk
 from sngr_utils.sampling.settings import FastSettings, SamplerSettings
 from sngr_utils.sampling.targets import compiled
@@ -149,7 +148,7 @@ def test_an_audit_that_disagrees_takes_over(monkeypatch):
 
     monkeypatch.setattr(importance, "sample", wrong)
     always = FastSettings(audit_share=1.0)
-    monkeypatch.setattr(settings_module, "FastSettings", lambda: always)
+    monkeypatch.setattr(engines, "FastSettings", lambda: always)
     run = engines.sample_factors(factors, covariance, LONG, "fast", rng=np.random.default_rng(0))
     assert "audit" in run.note
     assert abs(run.log_evidence - log_z) < 4.5 * run.log_evidence_error + 0.1

@@ -198,7 +198,7 @@ def test_window_covariances_are_those_of_the_slow_way(noisy):
 
 @pytest.mark.parametrize("preset", ["A", "B", "C"])
 def test_isam2_has_the_covariances_of_its_own_linearisation_points(noisy, preset):
-    """What ISAM2 answers differs from `marginals.gtsam_marginals` by old linearisation points only."""
+    """What ISAM2 answers differs from `gtsam_marginals` by old linearisation points only."""
     settings = PRESETS[preset]
     solution = isam2.run_isam2(noisy.world, settings)
     keys = [windows.window_keys(t) for t in range(28)]

@@ -10,7 +10,7 @@ from scipy import stats
 
 from sngr_utils.experiments import sampler_numbers, sngr_over_worlds, window_posteriors
 from sngr_utils.metrics import rmse_and_nees
-from sngr_utils.sampling import compiled_nested, importance, laplace, settings
+from sngr_utils.sampling import compiled_nested, engines, importance, laplace, settings
 from sngr_utils.sampling.targets import compiled, place
 from sngr_utils.slam import conventions, levenberg_marquardt
 from sngr_utils.slam.factors import range_factor
@@ -238,7 +238,7 @@ def test_other_engines_get_the_targets_prior_and_the_whole_likelihood(monkeypatc
     def watched(factors, covariance, sampler, engine, *, rng):
         asked.update(factors=factors, covariance=covariance, sampler=sampler, engine=engine)
 
-    monkeypatch.setattr(corrected.engines, "sample_factors", watched)
+    monkeypatch.setattr(engines, "sample_factors", watched)
     aim = SimpleNamespace(covariance="covariance", corrected=lambda scale: ("factors", scale))
     ours = settings.SamplerSettings(n_live=77, min_walks=33, prior_scale=9.0)
     corrected.sample_target(aim, 2.5, ours, "nested", rng=None)

@@ -177,7 +177,7 @@ def _evaluate_window(factors, x, poses, points, limit):
 
 @compile_once
 def place(noises, x0_mean, x0_sigmas, odometry, sigmas, out):
-    """(n, 2) positions of `dead_reckoning.dead_reckoning` with every motion disturbed, into `out`."""
+    """(n, 2) positions of dead reckoning with every motion disturbed, into `out`."""
     x, y, theta = x0_mean[0], x0_mean[1], x0_mean[2]
     for t in range(len(odometry) + 1):
         dx, dy, turn = 0.0, 0.0, 0.0
