@@ -356,7 +356,7 @@ SPOILED = {
     "a parameter": rewrite(f"params/{NAME}.yaml", "range_sigma: 0.2", "range_sigma: 0.21"),
     "a cell": rewrite(f"notebooks/{NAME}.ipynb", "seed, 1", "seed, 2"),
     "a sentence of the notebook": rewrite(f"notebooks/{NAME}.ipynb", "hello", "hallo"),
-    "a module": rewrite("sngr_utils/publish/report.py", "STANDARD_ERRORS = 3", "STANDARD_ERRORS = 4"),
+    "a module": rewrite("sngr_utils/publish/report.py", "ERRORS = 3", "ERRORS = 4"),
     "a module that a module imports": rewrite("sngr_utils/paths.py", '"""Where', '"""Wo'),
     "a printed value": rewrite("paper/printed_values.yaml", "rmse: 0.15", "rmse: 0.16"),
     "the lock": rewrite("environment.lock", "numpy==", "numpy==9"),
