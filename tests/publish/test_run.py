@@ -158,8 +158,11 @@ def test_bad_parameters_name_file_and_key(project, capsys, old, new, message):
     edit(project, old, new)
     with pytest.raises(parameters.ProjectError, match=f"(?s)params/{NAME}.yaml.*{message}"):
         parameters.read_params(NAME)
-    assert run.main(["check"]) == 1
-    assert f"params/{NAME}.yaml" in capsys.readouterr().err
+    for command in (["check"], ["stale"], ["notebook", NAME]):  # before anything runs
+        assert run.main(command) == 1
+        shown = capsys.readouterr()
+        assert f"params/{NAME}.yaml" in shown.err
+        assert shown.out == ""
 
 
 def test_scientific_notation_is_a_number(project):
