@@ -1,6 +1,7 @@
 """The committed notebooks as a reader finds them (nbval re-runs them besides)."""
 
 import re
+from types import SimpleNamespace
 
 import nbformat
 import pytest
@@ -86,6 +87,49 @@ def test_stored_outputs_name_no_machine(name):
     text = (paths.NOTEBOOKS / f"{name}.ipynb").read_text(encoding="utf-8")
     assert not re.search(r"/(home|root|work|tmp|Users)/\w", text)
     assert not re.search(r"https?://(?!www\.w3\.org)", text)
+
+
+def test_only_wall_clocks_are_left_out_of_the_comparison(name):
+    """nbval leaves out what a tag or a comment tells it to."""
+    for cell in code_cells(name):
+        assert not re.search(r"nbval|pytest_validate", cell.source, flags=re.IGNORECASE)
+        tags = [
+            tag for tag in cell.metadata.get("tags", []) if re.match("nbval|raises|pytest", tag)
+        ]
+        assert tags in ([], ["nbval-ignore-output"])
+        if tags:
+            assert re.search(r"timing=True|\bCPU\b", cell.source), cell.source
+
+
+@pytest.mark.parametrize(
+    ("place", "old", "new"),
+    [
+        ("params", "seed: 0", "seed: 1"),
+        ("params", "range_sigma: 0.2\n", "range_sigma: 0.21\n"),
+        ("notebooks", "seed: int = 0", "seed: int = 1"),
+        ("notebooks", "seed: int = 0", "seed: float = 0"),
+        ("notebooks", "../build/by_hand", "../figures"),
+    ],
+)
+def test_a_parameter_altered_in_one_place_would_be_noticed(tmp_path, monkeypatch, place, old, new):
+    source = paths.PARAMS / "01_bimodal.yaml"
+    if place == "notebooks":
+        source = paths.NOTEBOOKS / "01_bimodal.ipynb"
+    text = source.read_text(encoding="utf-8")
+    assert text.count(old) >= 1
+    (tmp_path / source.name).write_text(text.replace(old, new), encoding="utf-8")
+    monkeypatch.setattr(paths, place.upper(), tmp_path)
+    with pytest.raises((AssertionError, parameters.ProjectError)):
+        test_parameters_are_those_of_the_yaml_and_of_the_driver("01_bimodal")
+
+
+def test_another_default_in_the_library_would_be_noticed(monkeypatch):
+    class Config(parameters.driver_of("01_bimodal").Config):
+        seed: int = 1
+
+    monkeypatch.setattr(parameters, "driver_of", lambda name: SimpleNamespace(Config=Config))
+    with pytest.raises(AssertionError):
+        test_parameters_are_those_of_the_yaml_and_of_the_driver("01_bimodal")
 
 
 def test_a_stripped_notebook_would_be_noticed(tmp_path, monkeypatch):
