@@ -143,6 +143,20 @@ def _entries_in(path: Path) -> dict[str, dict]:
     return found
 
 
+def record(rows: list[Row]) -> dict[str, str]:
+    """Claim -> its verdict in one line, so that whatever alters a claim or its verdict shows."""
+    return {
+        row.id: f"{row.what} | {row.rule} | {row.printed} | {row.ours} | {row.verdict}"
+        for row in rows
+    }
+
+
+def write_record(results: dict[str, dict]) -> None:
+    """Write every verdict under every preset to ``paper/verdicts.json``."""
+    by_preset = judged(results)
+    report.write_json(paths.VERDICTS, {name: record(rows) for name, rows in by_preset.items()})
+
+
 def update_readme(results: dict[str, dict]) -> None:
     """Write the summary of the verdicts between the markers of the README.
 

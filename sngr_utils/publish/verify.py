@@ -107,11 +107,13 @@ def compare(folder: Path) -> int:
 
 
 def adopt() -> None:
-    """Make the published results the reference, and count their verdicts in the README.
+    """Make the published results the reference, with their verdicts, which the README counts.
 
     Wall clocks are not compared, but a few verdicts rest on a ratio of them: they come along.
     """
-    verdict_tables.update_readme(verdict_tables.results_in(paths.RESULTS))
+    results = verdict_tables.results_in(paths.RESULTS)
+    verdict_tables.update_readme(results)
+    verdict_tables.write_record(results)
     paths.REFERENCE.mkdir(exist_ok=True)
     for name in notebook_names():
         for kind in ("", ".timings"):

@@ -7,6 +7,7 @@ to the claims.
 import base64
 import io
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -18,7 +19,8 @@ import pytest
 from nbformat.v4 import new_code_cell, new_notebook, new_output
 from PIL import Image
 
-from sngr_utils import paths
+from sngr_utils import claims, parameters, paths, report, verdict_tables, verdicts
+from sngr_utils import printed as printed_values
 
 # --- a stored notebook, under the project's own pytest ------------------------------------------
 
@@ -124,3 +126,105 @@ def test_an_altered_output_of_a_notebook_fails(failures, name):
     assert message in failures[name]
     assert bool(message) == bool(failures[name])
     assert "most recent call last" not in failures[name]
+
+
+# --- the claims ---------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def reference():
+    return verdict_tables.results_in(paths.REFERENCE)
+
+
+@pytest.fixture(scope="module")
+def judged(reference):
+    return verdict_tables.judged(reference)
+
+
+def test_the_committed_verdicts_are_those_of_the_reference(judged):
+    committed = report.read_json(paths.VERDICTS)
+    assert committed == {preset: verdict_tables.record(rows) for preset, rows in judged.items()}
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "claim"),
+    [
+        ("claims.yaml", "above: 0.555, rule: share", "above: 0.556, rule: share", ""),
+        ("claims.yaml", "above: 0.555, rule: share", "above: 1.0, rule: share", "bimodal-by-coeff"),
+        ("claims.yaml", "ours: bimodal.map_x, rule", "ours: bimodal.map_y, rule", "map-x"),
+        ("claims.yaml", "ours: bimodal.sigmas_y, rule: one_world",
+         "ours: bimodal.sigmas_y, rule: mean_of_five", "sigma-y"),
+        ("claims.yaml", "at tau 3.92 and", "at tau 3.96 and", "no-false-alarm"),
+        ("printed_values.yaml", "nees: 148.52, pre", "nees: 148.53, pre", "nees.p0.1"),
+    ],
+)  # fmt: skip
+def test_an_altered_claim_is_noticed(reference, tmp_path, monkeypatch, file, old, new, claim):
+    """But for a bound moved by less than any of our worlds can tell (claim "")."""
+    for name in ("claims.yaml", "printed_values.yaml"):
+        text = (paths.PAPER / name).read_text(encoding="utf-8")
+        assert name != file or old in text
+        changed = text.replace(old, new, 1) if name == file else text
+        (tmp_path / name).write_text(changed, encoding="utf-8")
+    monkeypatch.setattr(paths, "CLAIMS", tmp_path / "claims.yaml")
+    monkeypatch.setattr(paths, "PRINTED_VALUES", tmp_path / "printed_values.yaml")
+    cached = (claims.read, printed_values.leaves)
+    for read in cached:
+        read.cache_clear()
+    try:
+        now = verdict_tables.record(verdicts.evaluate(reference))
+    finally:
+        for read in cached:
+            read.cache_clear()
+    committed = report.read_json(paths.VERDICTS)["C"]
+    changed = [name for name in committed if now[name] != committed[name]]
+    assert [name[: len(claim)] for name in changed] == ([claim] if claim else [])
+
+
+# --- what the paper and the README ask for -------------------------------------------------------
+
+
+def test_whatever_the_paper_asks_for_is_handed_on(reference, judged):
+    """Else LaTeX stops, after the long run: \\res, \\tab and \\fig each need what they name."""
+    text = (paths.PAPER / "sngr.tex").read_text(encoding="utf-8")
+    body = text.split(r"\begin{document}")[1]
+    made = verdict_tables.result(judged)
+    values = set(re.findall(r"\\res\{([^}]*)\}", body))
+    assert values <= reference.keys() | made["values"].keys()
+    sources = {
+        name: "\n".join(cell.source for cell in parameters.read_notebook(name).cells)
+        for name in parameters.notebook_names()
+    }
+    handed_on = set(re.findall(r"\.table\(\s*\"(\w+)\"", "\n".join(sources.values())))
+    assert set(re.findall(r"\\tab\{([^}]*)\}", body)) <= handed_on | made["tables"].keys()
+    figures = re.findall(r"\\fig\{(\w+)\}\{(\w+)\}", body)
+    assert len(figures) > 10
+    for notebook, figure in figures:
+        drawn = figure.removesuffix("_timing")
+        assert re.search(rf"paper\.figure\([^)]*\"{drawn}\"", sources[notebook]), (notebook, figure)
+        timed = figure.endswith("_timing")
+        assert timed or (paths.FIGURES / f"{notebook}_{figure}.pdf").exists()
+
+
+def test_a_missing_value_is_an_error_of_latex():
+    """The macro stops at an unknown key, and typesetting stops at the first error."""
+    text = (paths.PAPER / "sngr.tex").read_text(encoding="utf-8")
+    macro = re.search(r"\\newcommand\{\\res\}\[1\]\{(.*?)\n\s+(.*?)\n", text)
+    assert macro[1] == r"\ifcsname res@#1\endcsname\csname res@#1\endcsname\else"
+    assert macro[2].startswith(r"\PackageError{sngr}{")
+    assert "-halt-on-error" in (paths.ROOT / "scripts/typeset.sh").read_text(encoding="utf-8")
+
+
+def test_each_committed_figure_is_drawn_by_its_notebook():
+    for path in paths.FIGURES.glob("*.p*"):
+        (name,) = [name for name in parameters.notebook_names() if path.stem.startswith(name)]
+        source = "\n".join(cell.source for cell in parameters.read_notebook(name).cells)
+        figure = path.stem.removeprefix(f"{name}_").removesuffix("_timing")
+        assert re.search(rf"paper\.figure\([^)]*\"{figure}\"", source), path.name
+
+
+def test_links_of_the_readme_lead_somewhere():
+    text = paths.README.read_text(encoding="utf-8")
+    links = [link for link in re.findall(r"\]\(([^)#]+)", text) if "://" not in link]
+    assert len(links) > 20
+    for link in links:
+        assert (paths.ROOT / link).exists(), link

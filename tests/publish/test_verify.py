@@ -132,7 +132,8 @@ def test_compare_and_adopt_on_folders(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(paths, "REFERENCE", tmp_path / "reference")
     monkeypatch.setattr(paths, "RESULTS", tmp_path / "verify/01_bimodal")
     monkeypatch.setattr(verdict_tables, "update_readme", lambda results: seen.update(results))
-    seen = {}
+    monkeypatch.setattr(verdict_tables, "write_record", lambda results: recorded.update(results))
+    seen, recorded = {}, {}
     to = report.Report("01_bimodal", tmp_path / "verify/01_bimodal")
     show_bimodal.record(bimodal.run(bimodal.Config(n_repeats=2, n_live=20)), to)
     to.sample("worlds", [1.0, 2.0])
@@ -140,7 +141,7 @@ def test_compare_and_adopt_on_folders(tmp_path, monkeypatch, capsys):
     to.save()
     assert verify.compare(tmp_path / "verify") > 0  # no reference yet
     verify.adopt()
-    assert {"worlds", "clock", "bimodal.sigma_y"} <= seen.keys()
+    assert {"worlds", "clock", "bimodal.sigma_y"} <= seen.keys() == recorded.keys()
     assert set(report.read_json(tmp_path / "reference/01_bimodal.timings.json")) == {"clock"}
     assert verify.compare(tmp_path / "verify") == 0
     assert "0 outside their tolerance" in capsys.readouterr().out
