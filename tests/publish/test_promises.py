@@ -11,6 +11,8 @@ import re
 import shutil
 import subprocess
 import sys
+from contextlib import nullcontext
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import nbformat
@@ -19,7 +21,17 @@ import pytest
 from nbformat.v4 import new_code_cell, new_notebook, new_output
 from PIL import Image
 
-from sngr_utils import claims, parameters, paths, report, verdict_tables, verdicts
+from sngr_utils import (
+    claims,
+    graph,
+    parameters,
+    paths,
+    report,
+    sweeps,
+    verdict_tables,
+    verdicts,
+    world,
+)
 from sngr_utils import printed as printed_values
 
 # --- a stored notebook, under the project's own pytest ------------------------------------------
@@ -228,3 +240,34 @@ def test_links_of_the_readme_lead_somewhere():
     assert len(links) > 20
     for link in links:
         assert (paths.ROOT / link).exists(), link
+
+
+def test_the_python_of_the_readme_runs():
+    """With two worlds, and no cluster in the place of one."""
+    text = paths.README.read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    assert "range(30)" in code
+    names = {
+        "distributed": SimpleNamespace(Client=nullcontext),
+        "joblib": SimpleNamespace(parallel_config=lambda backend: nullcontext()),
+    }
+    names |= {"graph": graph, "sweeps": sweeps, "world": world}
+    exec(code.replace("range(30)", "range(2)"), names)
+
+
+def test_the_versions_of_python_are_the_same_everywhere():
+    first, last = "3.11", "3.14"
+    readme, setup, project = (
+        (paths.ROOT / name).read_text(encoding="utf-8")
+        for name in ("README.md", "scripts/setup.sh", "pyproject.toml")
+    )
+    assert f"Python {first} to {last}" in readme
+    assert f"(3, {first[2:]}) <= sys.version_info[:2] <= (3, {last[2:]})" in setup
+    assert f'requires-python = ">={first},<3.{int(last[2:]) + 1}"' in project
+    assert f"--python-version {first}" in (paths.ROOT / "Makefile").read_text(encoding="utf-8")
+
+
+def test_what_a_run_makes_is_not_committed():
+    ignored = (paths.ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
+    made = {"build/", ".venv/", "paper/generated/", "paper/sngr.pdf", "figures/*_timing.pdf"}
+    assert made <= set(ignored)
