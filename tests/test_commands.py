@@ -73,10 +73,11 @@ def made(checkout):
 
 
 TEX, TYPESET = "tex ", "typeset "
-CHECK, SORT_OUT, LATEX = (f"python -m sngr_utils.run {c}" for c in ("check", "stale", "latex"))
-COMPILE, COMPARE = "python -m sngr_utils.warm_up", "python -m sngr_utils.verify compare"
-RUN_A = "python -m sngr_utils.run notebook 01_a"
-SCRATCH = ["python -m sngr_utils.run scratch 02_b", "python -m sngr_utils.run scratch 01_a"]
+RUN, VERIFY = "python -m sngr_utils.publish.run", "python -m sngr_utils.publish.verify"
+CHECK, SORT_OUT, LATEX = (f"{RUN} {command}" for command in ("check", "stale", "latex"))
+COMPILE, COMPARE = "python -m sngr_utils.experiments.warm_up", f"{VERIFY} compare"
+RUN_A = f"{RUN} notebook 01_a"
+SCRATCH = [f"{RUN} scratch 02_b", f"{RUN} scratch 01_a"]
 
 
 @pytest.mark.parametrize(

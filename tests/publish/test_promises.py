@@ -21,18 +21,12 @@ import pytest
 from nbformat.v4 import new_code_cell, new_notebook, new_output
 from PIL import Image
 
-from sngr_utils import (
-    claims,
-    graph,
-    parameters,
-    paths,
-    report,
-    sweeps,
-    verdict_tables,
-    verdicts,
-    world,
-)
-from sngr_utils import printed as printed_values
+from sngr_utils import paths
+from sngr_utils.experiments import isam2_over_worlds
+from sngr_utils.publish import claims, judge, parameters, report, verdict_tables
+from sngr_utils.publish.printed import leaves
+from sngr_utils.slam.conventions import PRESETS
+from sngr_utils.world.scenario import Scenario
 
 # --- a stored notebook, under the project's own pytest ------------------------------------------
 
@@ -179,11 +173,11 @@ def test_an_altered_claim_is_noticed(reference, tmp_path, monkeypatch, file, old
         (tmp_path / name).write_text(changed, encoding="utf-8")
     monkeypatch.setattr(paths, "CLAIMS", tmp_path / "claims.yaml")
     monkeypatch.setattr(paths, "PRINTED_VALUES", tmp_path / "printed_values.yaml")
-    cached = (claims.read, printed_values.leaves)
+    cached = (claims.read, leaves)
     for read in cached:
         read.cache_clear()
     try:
-        now = verdict_tables.record(verdicts.evaluate(reference))
+        now = verdict_tables.record(judge.evaluate(reference))
     finally:
         for read in cached:
             read.cache_clear()
@@ -251,7 +245,7 @@ def test_the_python_of_the_readme_runs():
         "distributed": SimpleNamespace(Client=nullcontext),
         "joblib": SimpleNamespace(parallel_config=lambda backend: nullcontext()),
     }
-    names |= {"graph": graph, "sweeps": sweeps, "world": world}
+    names |= {"isam2_over_worlds": isam2_over_worlds, "Scenario": Scenario, "PRESETS": PRESETS}
     exec(code.replace("range(30)", "range(2)"), names)
 
 
