@@ -12,9 +12,9 @@ JOBS ?= 2
 # The last ones first: they take longest, and the short ones fill what is left of two cores.
 NOTEBOOKS := $(notdir $(basename $(shell ls -r notebooks/*.ipynb)))
 PY := .venv/bin/python
-RUN := $(PY) -m sngr_utils.publish.run
+RUN := $(PY) -m sngr_utils
 # Once for all notebooks and tests that follow; seconds if it has been done.
-COMPILE := $(PY) -m sngr_utils.experiments.warm_up
+COMPILE := $(RUN) compile
 
 # The environment is private: nothing of the user's Python, Jupyter or Matplotlib set-up counts.
 unexport PYTHONPATH PYTHONHOME PYTHONOPTIMIZE JUPYTER_PATH VIRTUAL_ENV MPLBACKEND CDPATH BASH_ENV
@@ -89,20 +89,20 @@ $(NOTEBOOKS:%=refresh/%): refresh/%: setup
 verify: check
 	@$(COMPILE)
 	@+$(SUBMAKE) $(PARALLEL) $(NOTEBOOKS:%=scratch/%)
-	@$(PY) -m sngr_utils.publish.verify compare
+	@$(RUN) verify
 
 # The engines side by side as a table, with the parameters of notebook 04.
 bench: check
 	@$(COMPILE)
-	@$(PY) -m sngr_utils.show.cost
+	@$(RUN) bench
 
 .PHONY: bench $(NOTEBOOKS:%=scratch/%)
 $(NOTEBOOKS:%=scratch/%): scratch/%: setup
-	@$(RUN) scratch $*
+	@$(RUN) aside $*
 
 # After a deliberate change: make the results at hand the reference.
 reference: results
-	@$(PY) -m sngr_utils.publish.verify adopt
+	@$(RUN) adopt
 
 tex:
 	@bash scripts/install_tex.sh

@@ -1,21 +1,94 @@
-"""The comparison of pictures that nbval leaves out.
+"""What nbval leaves out: one execution for the paper and the tests, and the pictures.
 
 It stands here because pytest asks a conftest.py only about items below its own folder, and the
 notebooks lie beside tests/.
+
+nbval compares the stored outputs of a notebook with those of a kernel. Here that kernel replays a
+run of the notebook (`execution.run_of`), which is executed only if there is none from the same
+inputs: `make paper` may have left it, and finds in turn what `make test` leaves.
 """
 
 import base64
 import io
 
+import nbformat
 import numpy as np
 import pytest
-from nbval.plugin import IPyNbCell
+from nbval.plugin import IPyNbCell, IPyNbFile
 from PIL import Image
+
+from sngr_utils import paths
+from sngr_utils.publish import execution, notebooks
 
 # Root mean square difference of two renderings, of 255 grey levels, that counts as the same.
 # Rounding in the last digit moves single anti-aliased pixels; a changed point moves far more.
 IMAGE_TOLERANCE = 1.0
 NOT_COMPARED_BY_NBVAL = ("image/png", "image/jpeg")
+
+
+class Replay:
+    """A kernel, as far as nbval asks it, that answers with the outputs of a finished run."""
+
+    def __init__(self, cells):
+        self.cells, self.messages, self.count = cells, [], 0
+
+    def is_alive(self) -> bool:
+        return True
+
+    def execute_cell_input(self, source, allow_stdin=None) -> str:
+        """Queue the outputs of the next cell of the run, which must be the one that is asked."""
+        self.count += 1
+        number, (cell, *self.cells) = str(self.count), self.cells or [None]
+        if cell is None or cell.source != source or cell.execution_count is None:
+            traceback = ["the run did not get to this cell"]
+            answers = [("error", {"ename": "NotRun", "evalue": "", "traceback": traceback})]
+        else:
+            answers = [(output.output_type, output) for output in cell.outputs]
+        answers.append(("status", {"execution_state": "idle"}))
+        self.messages = [
+            {"msg_type": kind, "content": content, "parent_header": {"msg_id": number}}
+            for kind, content in answers
+        ]
+        return number
+
+    def get_message(self, stream, timeout=None) -> dict:
+        return self.messages.pop(0)
+
+    def await_reply(self, number, timeout=None) -> None:
+        """The outputs are there already."""
+
+    def await_idle(self, number, timeout=None) -> None:
+        """Nothing is left to be done."""
+
+    def stop(self) -> None:
+        """Nothing runs."""
+
+
+def replay_of(path) -> Replay:
+    """The run of a notebook with its own defaults; as far as it got, if a cell failed."""
+    defaults = notebooks.declared_parameters(path.stem)
+    defaults.pop(notebooks.OUTPUT_DIR, None)
+    try:
+        folder = execution.run_of(path.stem, defaults)
+    except notebooks.ProjectError:
+        folder = paths.STAGING / path.stem
+        if not (folder / path.name).exists():
+            raise
+    cells = nbformat.read(folder / path.name, as_version=4).cells
+    own = [cell for cell in cells if execution.INJECTED not in cell.metadata.get("tags", [])]
+    return Replay([cell for cell in own if cell.cell_type == "code"])
+
+
+def setup(self):
+    """In place of `IPyNbFile.setup`: a replay for the project's notebooks, a kernel for others."""
+    if self.path.parent != paths.NOTEBOOKS:
+        start_kernel(self)
+        return
+    self.kernel = replay_of(self.path)
+    self.setup_sanitize_files()
+
+
+start_kernel, IPyNbFile.setup = IPyNbFile.setup, setup
 
 
 def pytest_collection_modifyitems(items):

@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 
 import gtsam
+import nbformat
 import numpy as np
 
 from sngr_utils import paths
@@ -15,6 +16,11 @@ from sngr_utils.world.scenario import Scenario
 
 SIGMAS = conventions.PRESETS["C"].x0_sigmas
 WEAK = Scenario(n_poses=3, odometry_sigma_xy=0.5, odometry_sigma_theta=0.1)
+
+
+def read_notebook(name):
+    """A committed notebook, as nbformat has it."""
+    return nbformat.read(paths.NOTEBOOKS / f"{name}.ipynb", as_version=4)
 
 
 def anchors(distance=4.0, measured=3.0, sigma=0.2):

@@ -4,7 +4,7 @@ import pytest
 
 from sngr_utils import association_aware
 from sngr_utils.experiments import estimators, online_variants
-from sngr_utils.publish import report
+from sngr_utils.publish import files, report
 from sngr_utils.show import association_aware as show
 from sngr_utils.show import style
 
@@ -82,7 +82,7 @@ def test_what_is_recorded_is_what_was_run(runs, tmp_path):
     paper = report.Report("08_association_aware", tmp_path)
     show.record(CONFIG, runs, ablation, slips, paper)
     paper.save()
-    handed = report.entries(report.read_json(tmp_path / "08_association_aware.json"))
+    handed = files.entries(files.read_json(tmp_path / "08_association_aware.json"))
     ours = runs[(runs["method"] == online_variants.NAME) & (runs["p"] == 0.4)]
     assert handed["online.p0.4.ratio"]["value"] == pytest.approx(ours["ratio"].mean())
     lost = (slips.loc[slips["method"] == online_variants.NAME, "ratio"] > 1.5).sum()

@@ -1,11 +1,12 @@
 import numpy as np
 import pandas as pd
 import pytest
+from helpers import read_notebook
 from ruamel.yaml import YAML
 
 from sngr_utils import audit, paths
 from sngr_utils.experiments import isam2_over_worlds, sampler_numbers
-from sngr_utils.publish import cells, claims, parameters, report
+from sngr_utils.publish import cells, claims, files, notebooks, parameters, report
 from sngr_utils.show import audit as show
 from sngr_utils.slam import conventions
 from sngr_utils.sngr import noop_baseline
@@ -34,7 +35,7 @@ def test_every_claim_gets_its_numbers(tmp_path):
     gaussian = audit.run_gaussian_ess(config)
     show.record(config, audit.run_sweep(config), audit.run_refined(config), gaussian, to)
     to.save()
-    samples = report.read_json(tmp_path / "05_audit.json")["samples"]
+    samples = files.read_json(tmp_path / "05_audit.json")["samples"]
     assert all(len(entry["sample"]) == 2 for entry in samples.values())
     for preset in conventions.PRESETS:
         asked = {key for key in claims.needed(preset) if key.startswith("audit.")}
@@ -122,8 +123,8 @@ def test_bad_parameters_are_named(name, value):
 def test_every_cell_that_decides_is_there():
     cells = {
         (name, tag)
-        for name in parameters.notebook_names()
-        for cell in parameters.read_notebook(name).cells
+        for name in notebooks.names()
+        for cell in read_notebook(name).cells
         for tag in cell.metadata.get("tags", [])
     }
     listed = YAML(typ="safe", pure=True).load(paths.CLAIMS)

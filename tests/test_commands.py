@@ -73,11 +73,11 @@ def made(checkout):
 
 
 TEX, TYPESET = "tex ", "typeset "
-RUN, VERIFY = "python -m sngr_utils.publish.run", "python -m sngr_utils.publish.verify"
+RUN = "python -m sngr_utils"
 CHECK, SORT_OUT, LATEX = (f"{RUN} {command}" for command in ("check", "stale", "latex"))
-COMPILE, COMPARE = "python -m sngr_utils.experiments.warm_up", f"{VERIFY} compare"
+COMPILE, COMPARE = f"{RUN} compile", f"{RUN} verify"
 RUN_A = f"{RUN} notebook 01_a"
-SCRATCH = [f"{RUN} scratch 02_b", f"{RUN} scratch 01_a"]
+SCRATCH = [f"{RUN} aside 02_b", f"{RUN} aside 01_a"]
 
 
 @pytest.mark.parametrize(

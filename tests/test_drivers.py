@@ -6,7 +6,7 @@ import pytest
 
 from sngr_utils import bimodal, cost, full_sngr, paths, trigger_sweep
 from sngr_utils.metrics import standard_error
-from sngr_utils.publish import latex, parameters, report
+from sngr_utils.publish import files, latex, parameters, report
 from sngr_utils.show import bimodal as show_bimodal
 from sngr_utils.show import cost as show_cost
 from sngr_utils.show import full_sngr as show_full_sngr
@@ -284,7 +284,7 @@ def test_pipeline_without_any_trigger_still_reports(tmp_path):
     to = report.Report("x", tmp_path)
     show_full_sngr.record(config, levels, {"A": levels[0.3]}, to)
     to.save()
-    tex = latex.latex([report.read_json(tmp_path / "x.json")])["values.tex"]
+    tex = latex.latex([files.read_json(tmp_path / "x.json")])["values.tex"]
     assert r"\csname res@sngr.gain_max.A\endcsname{--}" in tex
     assert show_full_sngr.gain_table(levels)["median"][0] == "–"
 

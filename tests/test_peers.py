@@ -4,7 +4,7 @@ import pytest
 
 from sngr_utils import paths, peers
 from sngr_utils.experiments import estimators
-from sngr_utils.publish import cells, parameters, report
+from sngr_utils.publish import cells, files, parameters, report
 from sngr_utils.show import peers as show
 from sngr_utils.show import style
 
@@ -72,7 +72,7 @@ def test_peer_tables_figures_and_values(quick, runs, tmp_path):
     to = report.Report("x", tmp_path)
     show.record(quick, runs, to)
     to.save()
-    saved = report.entries(report.read_json(tmp_path / "x.json"))
+    saved = files.entries(files.read_json(tmp_path / "x.json"))
     assert saved["peers.oracle.grid.p0.4.ratio"]["value"] == 1
     assert saved["peers.em.first_poses.p0.4.lost"]["unit"] == "%"
     style.use_style()

@@ -6,7 +6,7 @@ import pytest
 
 from sngr_utils import paths, triggers
 from sngr_utils.detection import scores
-from sngr_utils.publish import parameters, report
+from sngr_utils.publish import files, parameters, report
 from sngr_utils.show import style
 from sngr_utils.show import triggers as show
 
@@ -62,7 +62,7 @@ def test_tables_and_what_is_handed_on(config, study, tmp_path):
     to = report.Report("06_triggers", tmp_path)
     show.record(failed, wrong, decided, clean, to)
     to.save()
-    values = report.read_json(tmp_path / "06_triggers.json")["values"]
+    values = files.read_json(tmp_path / "06_triggers.json")["values"]
     for key in ("auc.failed.disagreement.all_p", "auc.contaminated.chi_square_robust.p0.2",
                 "base_rate.p0.2", "mcc.disagreement.burst_p0.6",
                 "level.chi_square_robust.radius_3_m"):  # fmt: skip

@@ -1,6 +1,6 @@
 """Compile everything that is compiled, once, before notebooks and tests run side by side.
 
-``python -m sngr_utils.experiments.warm_up``; seconds if an earlier run has done it.
+``python -m sngr_utils compile``; seconds if an earlier run has done it.
 """
 
 import gtsam
@@ -64,7 +64,3 @@ def _sample(engine: str) -> None:
 
 def _small() -> simulation.World:
     return simulation.simulate(scenario.Scenario(n_poses=12), 0.2, rng=np.random.default_rng(0))
-
-
-if __name__ == "__main__":
-    compile_all()

@@ -15,7 +15,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from sngr_utils import paths
 from sngr_utils.publish import printed
 from sngr_utils.publish.contradictions import contradictions
-from sngr_utils.publish.parameters import ProjectError, read_yaml
+from sngr_utils.publish.notebooks import ProjectError
+from sngr_utils.publish.parameters import read_yaml
 from sngr_utils.settings import PRESET_NAMES
 
 

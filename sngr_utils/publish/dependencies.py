@@ -10,7 +10,7 @@ from pathlib import Path
 import grimp
 
 from sngr_utils import paths
-from sngr_utils.publish.parameters import ProjectError
+from sngr_utils.publish.notebooks import ProjectError
 
 NAME = paths.PACKAGE.name
 

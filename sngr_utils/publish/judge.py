@@ -16,7 +16,7 @@ from sngr_utils.publish import claims, printed, rules
 from sngr_utils.publish.cells import NONE, text
 from sngr_utils.publish.claims import NumberEntry, ProseEntry
 from sngr_utils.publish.contradictions import Contradiction, contradictions
-from sngr_utils.publish.parameters import ProjectError
+from sngr_utils.publish.notebooks import ProjectError
 
 RESAMPLING_SEED = 0  # of the splits behind a mean of five worlds; the same for every claim
 

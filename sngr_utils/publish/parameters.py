@@ -1,72 +1,21 @@
 """Read the parameters of a headless run and check them before any work.
 
-A notebook ``notebooks/NN_name.ipynb`` belongs with ``params/NN_name.yaml`` and the driver module
-``sngr_utils.name``. Its parameters cell says which keys there are and of which type, the driver's
-`Config` knows the range of each.
+A notebook ``notebooks/NN_name.ipynb`` belongs with ``params/NN_name.yaml`` and the helper module
+``sngr_utils.name``, whose `Config` knows the type and range of each parameter.
 """
 
-import ast
 import difflib
 import importlib
 import os
 from pathlib import Path
 from typing import Any
 
-import nbformat
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from sngr_utils import paths
-
-OUTPUT_DIR = "output_dir"  # the one parameter that is the runner's, not the YAML's
-
-
-class ProjectError(Exception):
-    """Something the user can mend; its message says what and where."""
-
-
-def notebook_names() -> list[str]:
-    """Stems of all notebooks, each of which must have its YAML and the other way round."""
-    notebooks = {path.stem for path in paths.NOTEBOOKS.glob("*.ipynb")}
-    params = {path.stem for path in paths.PARAMS.glob("*.yaml")}
-    for name in sorted(params - notebooks):
-        raise ProjectError(f"notebooks/{name}.ipynb is missing, but params/{name}.yaml is there")
-    for name in sorted(notebooks - params):
-        raise ProjectError(f"params/{name}.yaml is missing, but notebooks/{name}.ipynb is there")
-    return sorted(notebooks)
-
-
-def read_notebook(name: str) -> nbformat.NotebookNode:
-    """The committed notebook, or a ProjectError that says what is wrong with it."""
-    path = paths.NOTEBOOKS / f"{name}.ipynb"
-    if not path.exists():
-        raise ProjectError(f"notebooks/{name}.ipynb is missing")
-    try:
-        return nbformat.read(path, as_version=4)
-    except (ValueError, AttributeError, nbformat.ValidationError) as error:
-        raise ProjectError(f"notebooks/{name}.ipynb is not a notebook: {error}") from error
-
-
-def declared_parameters(name: str) -> dict[str, tuple[str, Any]]:
-    """Parameter -> (annotation, default) of the notebook's cell tagged ``parameters``."""
-    for cell in read_notebook(name).cells:
-        if "parameters" in cell.metadata.get("tags", []):
-            try:
-                return {
-                    statement.target.id: (
-                        ast.unparse(statement.annotation),
-                        ast.literal_eval(statement.value),
-                    )
-                    for statement in ast.parse(cell.source).body
-                    if isinstance(statement, ast.AnnAssign)
-                }
-            except (SyntaxError, ValueError, TypeError) as error:
-                raise ProjectError(
-                    f"notebooks/{name}.ipynb: the parameters cell must hold lines "
-                    f"'name: type = literal value': {error}"
-                ) from error
-    raise ProjectError(f"notebooks/{name}.ipynb has no cell tagged 'parameters'")
+from sngr_utils.publish.notebooks import OUTPUT_DIR, ProjectError, declared_parameters
 
 
 def read_params(name: str, folder: Path | None = None) -> dict[str, Any]:
@@ -82,8 +31,7 @@ def read_params(name: str, folder: Path | None = None) -> dict[str, Any]:
     values = read_yaml(path)
     if not isinstance(values, dict):
         raise ProjectError(f"{where} must hold 'key: value' lines")
-    declared = declared_parameters(name)
-    declared.pop(OUTPUT_DIR, None)
+    declared = declared_parameters(name).keys() - {OUTPUT_DIR}
     for key in values:
         if key not in declared:
             near = difflib.get_close_matches(str(key), declared, n=1)
@@ -91,11 +39,9 @@ def read_params(name: str, folder: Path | None = None) -> dict[str, Any]:
             raise ProjectError(
                 f"{where}: unknown key {key!r}: notebooks/{name}.ipynb does not declare it{hint}"
             )
-    for key, (annotation, _) in declared.items():
-        if key not in values:
-            raise ProjectError(f"{where}: key {key!r} is missing ({annotation})")
-        _check_type(where, key, annotation, values[key])
-    _check_range(where, name, values)
+    for key in sorted(declared - values.keys()):
+        raise ProjectError(f"{where}: key {key!r} is missing: notebooks/{name}.ipynb declares it")
+    _check_values(where, name, values)
     return values
 
 
@@ -110,22 +56,9 @@ def read_yaml(path: Path) -> Any:
         raise ProjectError(f"{where} is not valid YAML: {' '.join(str(error).split())}") from error
 
 
-def _check_type(where: str, key: str, annotation: str, value: Any) -> None:
-    allowed = {"int": int, "float": float, "str": str, "bool": bool, "list": list, "dict": dict}
+def _check_values(where: str, name: str, values: dict[str, Any]) -> None:
     try:
-        wanted = eval(annotation, {"__builtins__": {}}, allowed)  # the notebook's own annotation
-    except (NameError, TypeError) as error:
-        raise ProjectError(f"{where}: {key} is declared as {annotation!r}: {error}") from error
-    try:
-        TypeAdapter(wanted).validate_python(value, strict=True)
-    except ValidationError as error:
-        reason = error.errors()[0]["msg"]
-        raise ProjectError(f"{where}: {key} is {value!r}: {reason} ({annotation})") from error
-
-
-def _check_range(where: str, name: str, values: dict[str, Any]) -> None:
-    try:
-        driver_of(name).Config(**values)
+        config_of(name)(**values)
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
@@ -133,9 +66,20 @@ def _check_range(where: str, name: str, values: dict[str, Any]) -> None:
         raise ProjectError(f"{where}: {shown}{first['msg']}") from error
 
 
-def driver_of(name: str) -> Any:
-    """The driver module of a notebook: ``sngr_utils.bimodal`` for "01_bimodal"."""
+def config_of(name: str) -> Any:
+    """The `Config` of a notebook's helper: that of ``sngr_utils.bimodal`` for "01_bimodal".
+
+    Raises
+    ------
+    ProjectError : no such helper, or its fields are not the parameters that the notebook declares
+    """
     stem = name.split("_", 1)[-1]
     if not (paths.PACKAGE / f"{stem}.py").exists():
-        raise ProjectError(f"notebooks/{name}.ipynb has no driver: sngr_utils/{stem}.py is missing")
-    return importlib.import_module(f"sngr_utils.{stem}")
+        raise ProjectError(f"notebooks/{name}.ipynb has no helper: sngr_utils/{stem}.py is missing")
+    config = importlib.import_module(f"sngr_utils.{stem}").Config
+    declared = declared_parameters(name).keys() - {OUTPUT_DIR}
+    for key in sorted(config.model_fields.keys() ^ declared):
+        raise ProjectError(
+            f"parameter {key!r}: notebooks/{name}.ipynb and sngr_utils/{stem}.py must both have it"
+        )
+    return config

@@ -6,7 +6,6 @@ is typed by hand anywhere. Wall-clock figures, which no two runs share, go to a 
 own, ``<notebook>.timings.json``.
 """
 
-import json
 import math
 import re
 from collections.abc import Sequence
@@ -23,13 +22,12 @@ from ruamel.yaml import YAML
 from sngr_utils import paths
 from sngr_utils.metrics.standard_error import standard_error
 from sngr_utils.publish.cells import show
+from sngr_utils.publish.files import write_json
 
 TIMING = "_timing"  # end of the name of a figure that shows wall clocks
 
 STANDARD_ERRORS = 3  # within which another run reproduces a mean
 ROUNDING = 1e-9  # relative to a value, or to 1: an error below it is none
-
-NUMBER_LIST = re.compile(r"\[\s*(?:(?:-?[\d.]+(?:e[+-]?\d+)?|null),?\s*)+\]")
 
 
 @cache
@@ -163,20 +161,3 @@ def _printed_digits(entry: dict) -> dict:
 
 def _or_null(value: float) -> float | None:
     return None if math.isnan(value) else float(value)
-
-
-def write_json(path: Path, content: dict) -> None:
-    """Write JSON that diffs well, with all digits; a list of numbers stays on one line."""
-    text = json.dumps(content, indent=1, ensure_ascii=False)
-    text = NUMBER_LIST.sub(lambda found: " ".join(found[0].split()), text)
-    path.write_text(text + "\n", encoding="utf-8")
-
-
-def entries(result: dict) -> dict[str, dict]:
-    """All that a notebook's JSON hands on under a key: its values, and its samples if any."""
-    return {**result["values"], **result.get("samples", {})}
-
-
-def read_json(path: Path) -> dict:
-    """What `write_json` wrote."""
-    return json.loads(path.read_text(encoding="utf-8"))

@@ -1,14 +1,12 @@
 """The verdicts as tables: in the paper, in its appendix, and on the first screen of the README."""
 
-import os
-from pathlib import Path
-
 import pandas as pd
 
 from sngr_utils import paths
-from sngr_utils.publish import cells, claims, judge, latex, report, rules
+from sngr_utils.publish import cells, claims, judge, latex, rules
+from sngr_utils.publish.files import write_json
 from sngr_utils.publish.judge import Row
-from sngr_utils.publish.parameters import ProjectError, notebook_names
+from sngr_utils.publish.notebooks import ProjectError
 from sngr_utils.settings import PRESET_NAMES
 
 BEGIN, END = "<!-- claims: written by make reference -->", "<!-- /claims -->"
@@ -116,33 +114,6 @@ def readme_block(by_preset: dict[str, list[Row]]) -> str:
     return "\n".join([BEGIN, intro, "", *table, END])
 
 
-def results_in(folder: Path) -> dict[str, dict]:
-    """All entries of all notebooks, wall clocks too, from the JSON files of a folder.
-
-    Raises
-    ------
-    ProjectError : a file is damaged
-    """
-    merged: dict[str, dict] = {}
-    for name in notebook_names():
-        for path in (folder / f"{name}.json", folder / f"{name}.timings.json"):
-            if path.exists():
-                try:
-                    merged |= _entries_in(path)
-                except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
-                    where = os.path.relpath(path, paths.ROOT)
-                    raise ProjectError(f"{where} is damaged: {error!r}") from error
-    return merged
-
-
-def _entries_in(path: Path) -> dict[str, dict]:
-    content = report.read_json(path)
-    found = report.entries(content) if "values" in content else content
-    if not all("value" in entry for entry in found.values()):
-        raise ValueError("an entry has no value")
-    return found
-
-
 def record(rows: list[Row]) -> dict[str, str]:
     """Claim -> its verdict in one line, so that whatever alters a claim or its verdict shows."""
     return {
@@ -154,7 +125,7 @@ def record(rows: list[Row]) -> dict[str, str]:
 def write_record(results: dict[str, dict]) -> None:
     """Write every verdict under every preset to ``paper/verdicts.json``."""
     by_preset = judged(results)
-    report.write_json(paths.VERDICTS, {name: record(rows) for name, rows in by_preset.items()})
+    write_json(paths.VERDICTS, {name: record(rows) for name, rows in by_preset.items()})
 
 
 def update_readme(results: dict[str, dict]) -> None:

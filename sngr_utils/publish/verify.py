@@ -5,15 +5,14 @@ after a deliberate change. Each value brings its own tolerance (see `report.Repo
 """
 
 import math
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
 
 from sngr_utils import paths
-from sngr_utils.publish import report, verdict_tables
-from sngr_utils.publish.parameters import ProjectError, notebook_names
+from sngr_utils.publish import notebooks, report, results, verdict_tables
+from sngr_utils.publish.files import entries, read_json, write_json
 
 
 @dataclass(frozen=True)
@@ -96,10 +95,10 @@ def table(rows: list[Comparison]) -> str:
 def compare(folder: Path) -> int:
     """Compare the results below `folder` with the reference, print the table, return breaches."""
     rows = []
-    for name in notebook_names():
-        now = report.entries(report.read_json(folder / name / f"{name}.json"))
+    for name in notebooks.names():
+        now = entries(read_json(folder / name / f"{name}.json"))
         path = paths.REFERENCE / f"{name}.json"
-        rows += compare_values(report.read_json(path) if path.exists() else {}, now)
+        rows += compare_values(read_json(path) if path.exists() else {}, now)
     breaches = sum(not row.holds for row in rows)
     print(table(rows))
     print(f"{len(rows)} values compared, {breaches} outside their tolerance")
@@ -111,32 +110,12 @@ def adopt() -> None:
 
     Wall clocks are not compared, but a few verdicts rest on a ratio of them: they come along.
     """
-    results = verdict_tables.results_in(paths.RESULTS)
-    verdict_tables.update_readme(results)
-    verdict_tables.write_record(results)
+    found = results.results_in(paths.RESULTS)
+    verdict_tables.update_readme(found)
+    verdict_tables.write_record(found)
     paths.REFERENCE.mkdir(exist_ok=True)
-    for name in notebook_names():
+    for name in notebooks.names():
         for kind in ("", ".timings"):
             source = paths.RESULTS / f"{name}{kind}.json"
             if source.exists() or not kind:
-                entries = report.entries(report.read_json(source))
-                report.write_json(paths.REFERENCE / source.name, entries)
-
-
-def main(arguments: list[str]) -> int:
-    """Command line; returns the exit status, 1 if a value is outside its tolerance."""
-    try:
-        if arguments == ["compare"]:
-            return 1 if compare(paths.BUILD / "verify") else 0
-        if arguments == ["adopt"]:
-            adopt()
-            return 0
-    except ProjectError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    print("usage: python -m sngr_utils.publish.verify compare|adopt", file=sys.stderr)
-    return 2
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+                write_json(paths.REFERENCE / source.name, entries(read_json(source)))

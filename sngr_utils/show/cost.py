@@ -11,7 +11,7 @@ from sngr_utils.experiments import engine_bench, growth
 from sngr_utils.experiments.engine_bench import Performance, ratio
 from sngr_utils.experiments.growth import Growth
 from sngr_utils.metrics import standard_error
-from sngr_utils.publish import cells, parameters, report
+from sngr_utils.publish import cells, report
 from sngr_utils.sampling import importance
 from sngr_utils.sampling.settings import FastSettings
 from sngr_utils.show import style
@@ -173,10 +173,6 @@ def print_bench(config: Config) -> None:
     print(accuracy_table(performances).to_string(index=False))
     print()
     print(growth_table(grow(config)).to_string(index=False))
-
-
-if __name__ == "__main__":
-    print_bench(Config(**parameters.read_params("04_cost")))
 
 
 def speed_table(performances: dict[str, Performance], per_call: float) -> pd.DataFrame:

@@ -4,7 +4,7 @@ import pytest
 
 from sngr_utils import cost
 from sngr_utils.experiments import engine_bench, growth
-from sngr_utils.publish import report
+from sngr_utils.publish import files, report
 from sngr_utils.sampling import settings
 from sngr_utils.show import cost as show
 from sngr_utils.slam import conventions
@@ -52,8 +52,8 @@ def test_bench_tables_and_values(engines, tmp_path, capsys):
     show.record_engines(performances, grown, (0.1, 0.05), to)
     to.figure(fig, "growth", timing=True)
     to.save()
-    timings = report.read_json(tmp_path / "04_cost.timings.json")["values"]
-    results = report.read_json(tmp_path / "04_cost.json")
+    timings = files.read_json(tmp_path / "04_cost.timings.json")["values"]
+    results = files.read_json(tmp_path / "04_cost.json")
     assert timings["engine.fast_all_over_isam2"]["value"] == 2
     assert results["values"]["engine.nested.bias"]["n"] == 20
     assert results["figures"] == ["04_cost_growth_timing.pdf"]

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from helpers import read_notebook
 
 from sngr_utils import paths
 from sngr_utils.publish import (
@@ -12,11 +13,12 @@ from sngr_utils.publish import (
     contradictions,
     judge,
     latex,
-    parameters,
+    notebooks,
     printed,
     rules,
     verdict_tables,
 )
+from sngr_utils.publish.results import results_in
 from sngr_utils.slam import conventions
 
 VALUES = {  # handed on as single values; all other keys are samples
@@ -87,7 +89,7 @@ def test_stated_trends_are_those_of_the_printed_numbers():
 def test_the_cell_that_decides_exists():
     for entry in [*claims.read().numbers, *claims.read().prose]:
         if (paths.NOTEBOOKS / f"{entry.notebook}.ipynb").exists():
-            cells = parameters.read_notebook(entry.notebook).cells
+            cells = read_notebook(entry.notebook).cells
             tagged = [cell for cell in cells if entry.cell in cell.metadata.get("tags", [])]
             assert len(tagged) == 1, (entry.notebook, entry.cell)
         else:
@@ -384,13 +386,13 @@ def test_the_reading_is_that_of_the_yaml_and_the_others_differ(results):
 
 def test_missing_results_are_named(results):
     del results["audit.C.p0.1.nees"]
-    with pytest.raises(parameters.ProjectError, match=r"'audit\.C\.p0\.1\.nees', which no note"):
+    with pytest.raises(notebooks.ProjectError, match=r"'audit\.C\.p0\.1\.nees', which no note"):
         judge.evaluate(results)
     results["audit.C.p0.1.nees"] = sample(np.ones(19))
-    with pytest.raises(parameters.ProjectError, match=r"claim 'nees': 19 worlds"):
+    with pytest.raises(notebooks.ProjectError, match=r"claim 'nees': 19 worlds"):
         judge.evaluate(results)
     results["audit.C.p0.1.nees"] = value(1.0)
-    with pytest.raises(parameters.ProjectError, match="must be a sample"):
+    with pytest.raises(notebooks.ProjectError, match="must be a sample"):
         judge.evaluate(results)
 
 
@@ -423,7 +425,7 @@ def test_readme_block_is_written_between_its_markers(results, tmp_path, monkeypa
         assert text == f"before\n{block}\nafter\n"
     assert "| numbers, preset C (our reading) |" in block
     paths.README.write_text("no markers")
-    with pytest.raises(parameters.ProjectError, match="lacks the lines"):
+    with pytest.raises(notebooks.ProjectError, match="lacks the lines"):
         verdict_tables.update_readme(results)
 
 
@@ -433,5 +435,5 @@ def test_the_readme_has_the_verdicts_of_the_committed_reference():
     assert verdict_tables.END in text
     if not (paths.NOTEBOOKS / "05_audit.ipynb").exists():
         pytest.skip("no audit yet")
-    judged = verdict_tables.judged(verdict_tables.results_in(paths.REFERENCE))
+    judged = verdict_tables.judged(results_in(paths.REFERENCE))
     assert verdict_tables.readme_block(judged) in text

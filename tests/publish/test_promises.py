@@ -18,13 +18,15 @@ from xml.etree import ElementTree
 import nbformat
 import numpy as np
 import pytest
+from helpers import read_notebook
 from nbformat.v4 import new_code_cell, new_notebook, new_output
 from PIL import Image
 
 from sngr_utils import paths
 from sngr_utils.experiments import isam2_over_worlds
-from sngr_utils.publish import claims, judge, parameters, report, verdict_tables
+from sngr_utils.publish import claims, files, judge, notebooks, verdict_tables
 from sngr_utils.publish.printed import leaves
+from sngr_utils.publish.results import results_in
 from sngr_utils.slam.conventions import PRESETS
 from sngr_utils.world.scenario import Scenario
 
@@ -139,7 +141,7 @@ def test_an_altered_output_of_a_notebook_fails(failures, name):
 
 @pytest.fixture(scope="module")
 def reference():
-    return verdict_tables.results_in(paths.REFERENCE)
+    return results_in(paths.REFERENCE)
 
 
 @pytest.fixture(scope="module")
@@ -148,7 +150,7 @@ def judged(reference):
 
 
 def test_the_committed_verdicts_are_those_of_the_reference(judged):
-    committed = report.read_json(paths.VERDICTS)
+    committed = files.read_json(paths.VERDICTS)
     assert committed == {preset: verdict_tables.record(rows) for preset, rows in judged.items()}
 
 
@@ -181,7 +183,7 @@ def test_an_altered_claim_is_noticed(reference, tmp_path, monkeypatch, file, old
     finally:
         for read in cached:
             read.cache_clear()
-    committed = report.read_json(paths.VERDICTS)["C"]
+    committed = files.read_json(paths.VERDICTS)["C"]
     changed = [name for name in committed if now[name] != committed[name]]
     assert [name[: len(claim)] for name in changed] == ([claim] if claim else [])
 
@@ -197,8 +199,8 @@ def test_whatever_the_paper_asks_for_is_handed_on(reference, judged):
     values = set(re.findall(r"\\res\{([^}]*)\}", body))
     assert values <= reference.keys() | made["values"].keys()
     sources = {
-        name: "\n".join(cell.source for cell in parameters.read_notebook(name).cells)
-        for name in parameters.notebook_names()
+        name: "\n".join(cell.source for cell in read_notebook(name).cells)
+        for name in notebooks.names()
     }
     handed_on = set(re.findall(r"\.table\(\s*\"(\w+)\"", "\n".join(sources.values())))
     assert set(re.findall(r"\\tab\{([^}]*)\}", body)) <= handed_on | made["tables"].keys()
@@ -222,8 +224,8 @@ def test_a_missing_value_is_an_error_of_latex():
 
 def test_each_committed_figure_is_drawn_by_its_notebook():
     for path in paths.FIGURES.glob("*.p*"):
-        (name,) = [name for name in parameters.notebook_names() if path.stem.startswith(name)]
-        source = "\n".join(cell.source for cell in parameters.read_notebook(name).cells)
+        (name,) = [name for name in notebooks.names() if path.stem.startswith(name)]
+        source = "\n".join(cell.source for cell in read_notebook(name).cells)
         figure = path.stem.removeprefix(f"{name}_").removesuffix("_timing")
         assert re.search(rf"paper\.figure\([^)]*\"{figure}\"", source), path.name
 

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from sngr_utils.metrics import standard_error
-from sngr_utils.publish import cells, latex, report
+from sngr_utils.publish import cells, files, latex, report
 
 
 @pytest.mark.parametrize(
@@ -47,14 +47,14 @@ def test_from_a_report_to_latex(tmp_path):
     fig, _ = plt.subplots()
     to.figure(fig, "f")
     to.save()
-    result = report.read_json(tmp_path / "out/05_x.json")
+    result = files.read_json(tmp_path / "out/05_x.json")
     assert result["figures"] == ["05_x_f.pdf"]
     assert "t" not in result["values"]  # wall clocks live in a file of their own
-    timings = report.read_json(tmp_path / "out/05_x.timings.json")
-    files = latex.latex([result], [timings])
-    assert r"\csname res@a.b\endcsname{1.2 $\pm$ 0.5~m}" in files["values.tex"]
-    assert r"\csname res@t\endcsname{3.00}" in files["timings.tex"]
-    table = files["tab_x.tex"]
+    timings = files.read_json(tmp_path / "out/05_x.timings.json")
+    written = latex.latex([result], [timings])
+    assert r"\csname res@a.b\endcsname{1.2 $\pm$ 0.5~m}" in written["values.tex"]
+    assert r"\csname res@t\endcsname{3.00}" in written["timings.tex"]
+    table = written["tab_x.tex"]
     assert r"\multicolumn{2}{c}{RMSE}" in table
     assert r"0.1 & 1 $\pm$ 2 & --" in table
     for key in ("values", "tables"):
@@ -87,7 +87,7 @@ def test_a_sample_keeps_its_worlds_and_prints_its_mean(tmp_path):
     to.sample("s", [1.0, 3.0, math.nan], unit="m")
     to.save()
     path = tmp_path / "05_x.json"
-    result = report.read_json(path)
+    result = files.read_json(path)
     assert result["samples"]["s"]["sample"] == [1.0, 3.0, None]
     assert "[ 1.0, 3.0, null ]" in path.read_text()  # on one line
     assert result["samples"]["s"]["n"] == 3
@@ -96,5 +96,5 @@ def test_a_sample_keeps_its_worlds_and_prints_its_mean(tmp_path):
     with pytest.raises(ValueError, match="already taken"):
         latex.latex([result])
     del result["values"]["s"], result["samples"]  # a result from before there were samples
-    assert report.entries(result) == {}
+    assert files.entries(result) == {}
     assert latex.latex([result])["values.tex"] == "\n"

@@ -7,71 +7,30 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
-from importlib.machinery import PathFinder
 
 import nbformat
 import pytest
-from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
+from small_project import (
+    BODY,
+    CLAIMS,
+    NAME,
+    at_home_in,
+    declared_cell,
+    make_project,
+    write_notebook,
+)
 
-import sngr_utils
 from sngr_utils import paths
-from sngr_utils.publish import claims, dependencies, parameters, printed, report, run
-
-NAME = "01_bimodal"
-CLAIMS = f"""
-reading: C
-why_this_reading: there is nothing to read
-numbers:
-- {{id: seed, printed: baseline/0.0/triggered, what: a, where: b, ours: seed, rule: deterministic,
-   notebook: {NAME}, cell: c}}
-prose:
-- {{id: small, where: b, says: the seed is small, ours: seed, at_most: 9, rule: value,
-   notebook: {NAME}, cell: c}}
-"""
-BODY = """
-from sngr_utils.publish import report
-import matplotlib.pyplot as plt
-paper = report.Report("01_bimodal", output_dir)
-fig, ax = plt.subplots()
-ax.plot([seed, 1])
-paper.figure(fig, "f")
-paper.value("seed", seed)
-paper.value("clock", 3.0, timing=True)
-paper.figure(fig, "f", timing=True)
-paper.save()
-"""
-
-
-def make_project(folder):
-    """A copy of what the runner needs, with a small notebook in place of the real 01."""
-    shutil.copytree(paths.PACKAGE, folder / "sngr_utils")
-    (folder / "params/quick").mkdir(parents=True)
-    for params in ("params", "params/quick"):
-        shutil.copy(paths.PARAMS / f"{NAME}.yaml", folder / params)
-    (folder / "paper").mkdir()
-    shutil.copy(paths.PRINTED_VALUES, folder / "paper")
-    (folder / "paper/claims.yaml").write_text(CLAIMS)
-    shutil.copy(paths.LOCK, folder)
-    (folder / "notebooks").mkdir()
-    real = parameters.read_notebook(NAME)
-    (declared,) = (c for c in real.cells if "parameters" in c.metadata.get("tags", []))
-    write_notebook(folder, declared, BODY)
-
-
-@contextmanager
-def at_home_in(folder):
-    """All of the project's paths lead into a folder, and grimp reads the package there."""
-    root, cached = paths.ROOT, (claims.read, printed.leaves, report.printed_values)
-    for read in cached:
-        read.cache_clear()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sngr_utils, "__spec__", PathFinder.find_spec("sngr_utils", [str(folder)]))
-        for name in [name for name in vars(paths) if name.isupper()]:
-            patch.setattr(paths, name, folder / getattr(paths, name).relative_to(root))
-        yield folder
-    for read in cached:
-        read.cache_clear()
+from sngr_utils.__main__ import main
+from sngr_utils.publish import (
+    claims,
+    dependencies,
+    files,
+    freshness,
+    notebooks,
+    parameters,
+    run,
+)
 
 
 @pytest.fixture
@@ -97,15 +56,6 @@ def published(finished, tmp_path):
     shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
     with at_home_in(tmp_path):
         yield tmp_path
-
-
-def write_notebook(project, declared, body, extra=""):
-    cells = [new_markdown_cell("# hello"), declared, new_code_cell(body + extra)]
-    nbformat.write(new_notebook(cells=cells), project / f"notebooks/{NAME}.ipynb")
-
-
-def declared_cell(project):
-    return nbformat.read(project / f"notebooks/{NAME}.ipynb", as_version=4).cells[1]
 
 
 def edit(project, old, new):
@@ -156,10 +106,10 @@ def remove(file):
 )
 def test_bad_parameters_name_file_and_key(project, capsys, old, new, message):
     edit(project, old, new)
-    with pytest.raises(parameters.ProjectError, match=f"(?s)params/{NAME}.yaml.*{message}"):
+    with pytest.raises(notebooks.ProjectError, match=f"(?s)params/{NAME}.yaml.*{message}"):
         parameters.read_params(NAME)
     for command in (["check"], ["stale"], ["notebook", NAME]):  # before anything runs
-        assert run.main(command) == 1
+        assert main(command) == 1
         shown = capsys.readouterr()
         assert f"params/{NAME}.yaml" in shown.err
         assert shown.out == ""
@@ -209,7 +159,7 @@ def test_scientific_notation_is_a_number(project):
 def test_what_is_read_after_the_notebooks_is_checked_before(project, capsys, spoil, message):
     spoil(project)
     for command in ("check", "latex"):
-        assert run.main([command]) == 1
+        assert main([command]) == 1
         shown = capsys.readouterr()
         assert shown.out == ""
         assert re.fullmatch(
@@ -218,7 +168,7 @@ def test_what_is_read_after_the_notebooks_is_checked_before(project, capsys, spo
 
 
 def test_a_sound_project_passes_the_check(project, capsys):
-    assert run.main(["check"]) == 0
+    assert main(["check"]) == 0
     assert capsys.readouterr() == ("", "")
 
 
@@ -226,7 +176,7 @@ def test_a_sound_project_passes_the_check(project, capsys):
 def test_a_damaged_reference_is_named_before_the_notebooks_run(project, capsys, content):
     (project / "paper/reference").mkdir()
     (project / f"paper/reference/{NAME}.json").write_text(content)
-    assert run.main(["check"]) == 1
+    assert main(["check"]) == 1
     assert f"error: paper/reference/{NAME}.json is damaged" in capsys.readouterr().err
 
 
@@ -245,40 +195,40 @@ def test_a_convention_that_does_not_exist_is_a_sentence(tmp_path, given, message
     assert "conventions: {}" in text
     written = text.replace("conventions: {}", f"conventions: {given}")
     (tmp_path / "02_trigger_sweep.yaml").write_text(written)
-    with pytest.raises(parameters.ProjectError, match=rf"^.*02_trigger_sweep\.yaml: .*{message}"):
+    with pytest.raises(notebooks.ProjectError, match=rf"^.*02_trigger_sweep\.yaml: .*{message}"):
         parameters.read_params("02_trigger_sweep", tmp_path)
 
 
 def test_missing_files_are_named(project):
     notebook = project / f"notebooks/{NAME}.ipynb"
     moved = notebook.rename(project / "elsewhere")
-    with pytest.raises(parameters.ProjectError, match=f"notebooks/{NAME}.ipynb is missing"):
-        parameters.notebook_names()
-    with pytest.raises(parameters.ProjectError, match=f"notebooks/{NAME}.ipynb is missing"):
-        parameters.read_notebook(NAME)
+    with pytest.raises(notebooks.ProjectError, match=f"notebooks/{NAME}.ipynb is missing"):
+        notebooks.names()
+    with pytest.raises(notebooks.ProjectError, match=f"notebooks/{NAME}.ipynb is missing"):
+        notebooks.sources(NAME)
     moved.rename(notebook)
     (project / f"params/{NAME}.yaml").unlink()
-    with pytest.raises(parameters.ProjectError, match=f"params/{NAME}.yaml is missing"):
-        parameters.notebook_names()
-    with pytest.raises(parameters.ProjectError, match=f"params/{NAME}.yaml is missing"):
+    with pytest.raises(notebooks.ProjectError, match=f"params/{NAME}.yaml is missing"):
+        notebooks.names()
+    with pytest.raises(notebooks.ProjectError, match=f"params/{NAME}.yaml is missing"):
         parameters.read_params(NAME)
     notebook.write_text("{")
-    with pytest.raises(parameters.ProjectError, match="is not a notebook"):
-        parameters.read_notebook(NAME)
+    with pytest.raises(notebooks.ProjectError, match="is not a notebook"):
+        notebooks.sources(NAME)
 
 
 def test_notebook_without_parameters_or_driver(project):
     declared = declared_cell(project)
     declared.metadata.tags = []
     write_notebook(project, declared, BODY)
-    with pytest.raises(parameters.ProjectError, match="no cell tagged 'parameters'"):
-        parameters.declared_parameters(NAME)
-    with pytest.raises(parameters.ProjectError, match=r"sngr_utils/other\.py is missing"):
-        parameters.driver_of("09_other")
+    with pytest.raises(notebooks.ProjectError, match="no cell tagged 'parameters'"):
+        notebooks.declared_parameters(NAME)
+    with pytest.raises(notebooks.ProjectError, match=r"sngr_utils/other\.py is missing"):
+        parameters.config_of("09_other")
 
 
 def test_run_publish_and_freshness(published, capsys):
-    result = report.read_json(paths.RESULTS / f"{NAME}.json")
+    result = files.read_json(paths.RESULTS / f"{NAME}.json")
     figure = paths.FIGURES / f"{NAME}_f.pdf"
     assert set(result["provenance"]["files"]) == {
         f"figures/{NAME}_f.pdf",
@@ -293,15 +243,15 @@ def test_run_publish_and_freshness(published, capsys):
     edit(published, "seed: 0", "seed: 0  # nor does a comment")
     run.run_notebook(NAME)
     assert "up to date" in capsys.readouterr().out
-    assert run.main(["stale"]) == 0
+    assert main(["stale"]) == 0
     assert capsys.readouterr().out == ""
 
     edit(published, "seed: 0", "seed: 5")
-    assert not run.is_fresh(NAME, parameters.read_params(NAME))
+    assert not freshness.is_fresh(NAME, parameters.read_params(NAME))
     capsys.readouterr()
-    assert run.main(["stale"]) == 0
+    assert main(["stale"]) == 0
     assert capsys.readouterr().out == f"run/{NAME}\n"
-    with pytest.raises(parameters.ProjectError, match="stale"):
+    with pytest.raises(notebooks.ProjectError, match="stale"):
         run.write_latex()
     run.run_notebook(NAME)
     run.write_latex()
@@ -311,7 +261,7 @@ def test_run_publish_and_freshness(published, capsys):
     assert "not reproduced" in (paths.PAPER / "generated/claims_full.tex").read_text()
     (published / "paper/claims.yaml").write_text(CLAIMS.replace("ours: seed", "ours: absent"))
     claims.read.cache_clear()
-    with pytest.raises(parameters.ProjectError, match="needs 'absent', which no notebook"):
+    with pytest.raises(notebooks.ProjectError, match="needs 'absent', which no notebook"):
         run.write_latex()
 
 
@@ -320,26 +270,26 @@ def test_damaged_or_edited_results_are_made_again(published):
     path, figure = paths.RESULTS / f"{NAME}.json", paths.FIGURES / f"{NAME}_f.pdf"
     good, drawn = path.read_text(), figure.read_bytes()
     figure.write_bytes(b"damaged")
-    assert not run.is_fresh(NAME, params)
+    assert not freshness.is_fresh(NAME, params)
     figure.write_bytes(drawn)
-    assert run.is_fresh(NAME, params)
+    assert freshness.is_fresh(NAME, params)
     figure.write_bytes(b"damaged")
     for damage in ("{", good.replace('"value": 0.0', '"value": 7.0'), "[]", "null"):
         assert damage != good
         path.write_text(damage)
-        assert not run.is_fresh(NAME, params)
+        assert not freshness.is_fresh(NAME, params)
     run.run_notebook(NAME)
     assert path.read_text() == good
     assert figure.read_bytes() == drawn
     (paths.EXECUTED / f"{NAME}.ipynb").unlink()
-    assert not run.is_fresh(NAME, params)
+    assert not freshness.is_fresh(NAME, params)
 
 
 def without_a_figure_in_the_list(project):
     path = project / f"build/results/{NAME}.json"
-    result = report.read_json(path)
+    result = files.read_json(path)
     del result["provenance"]["files"][f"figures/{NAME}_f.pdf"]
-    report.write_json(path, result)
+    files.write_json(path, result)
 
 
 RESULT, CLOCKS = f"build/results/{NAME}.json", f"build/results/{NAME}.timings.json"
@@ -368,10 +318,10 @@ SPOILED = {
 
 @pytest.mark.parametrize("what", SPOILED)
 def test_what_is_damaged_or_altered_is_not_fresh_and_never_typeset(published, capsys, what):
-    assert run.is_fresh(NAME, parameters.read_params(NAME))
+    assert freshness.is_fresh(NAME, parameters.read_params(NAME))
     SPOILED[what](published)
-    assert not run.is_fresh(NAME, parameters.read_params(NAME))
-    assert run.main(["latex"]) == 1
+    assert not freshness.is_fresh(NAME, parameters.read_params(NAME))
+    assert main(["latex"]) == 1
     assert f"results of {NAME} are missing or stale: run 'make res" in capsys.readouterr().err
     assert not (published / "paper/generated").exists()
 
@@ -381,14 +331,14 @@ def test_a_malformed_file_is_not_fresh(published, file):
     params, good = parameters.read_params(NAME), (published / file).read_text()
     for content in ("", "{", "{}", "[]", "null", "3", '"x"', b"\xff\xfe", "[" * 100_000):
         overwrite(published / file, content)
-        assert not run.is_fresh(NAME, params), content[:9]
+        assert not freshness.is_fresh(NAME, params), content[:9]
     overwrite(published / file, good)
-    assert run.is_fresh(NAME, params)
+    assert freshness.is_fresh(NAME, params)
 
 
 def test_a_dead_kernel_is_a_sentence(project, capsys):
     write_notebook(project, declared_cell(project), "import os; os._exit(3)")
-    assert run.main(["notebook", NAME]) == 1
+    assert main(["notebook", NAME]) == 1
     assert "the kernel died" in capsys.readouterr().err
 
 
@@ -398,19 +348,19 @@ def test_parameters_cell_that_cannot_be_read(project):
         declared.source = source
         write_notebook(project, declared, BODY)
         (project / f"params/{NAME}.yaml").write_text("seed: 0\n")
-        with pytest.raises(parameters.ProjectError, match=NAME):
+        with pytest.raises(notebooks.ProjectError, match=NAME):
             parameters.read_params(NAME)
 
 
 def test_what_makes_results_stale(project):
     params = parameters.read_params(NAME)
-    before = run.provenance(NAME, params)
+    before = freshness.inputs(NAME, params)
     unrelated = project / "sngr_utils/cost.py"
     unrelated.write_text(unrelated.read_text() + "\n# changed\n")
-    assert run.provenance(NAME, params) == before
+    assert freshness.inputs(NAME, params) == before
     used = project / "sngr_utils/publish/report.py"
     used.write_text(used.read_text() + "\n# changed\n")
-    assert run.provenance(NAME, params) != before
+    assert freshness.inputs(NAME, params) != before
 
 
 def add(project, files):
@@ -447,15 +397,15 @@ FOLDERS = {
 def test_an_edit_in_a_folder_makes_stale_what_imports_it(project, line):
     add(project, FOLDERS)
     write_notebook(project, declared_cell(project), line)
-    before = run.provenance(NAME, {})
+    before = freshness.inputs(NAME, {})
     for name in {"__init__.py", *FOLDERS} - {"slam/unrelated.py", "entry.py"}:
         path = project / "sngr_utils" / name
         good = path.read_text()
         path.write_text(good + "\n# changed\n")
-        assert run.provenance(NAME, {}) != before, name
+        assert freshness.inputs(NAME, {}) != before, name
         path.write_text(good)
     add(project, {"slam/unrelated.py": "# changed"})
-    assert run.provenance(NAME, {}) == before
+    assert freshness.inputs(NAME, {}) == before
 
 
 @pytest.mark.parametrize(
@@ -472,16 +422,16 @@ def test_an_edit_in_a_folder_makes_stale_what_imports_it(project, line):
 def test_a_module_that_is_not_there_is_named(project, line, missing):
     add(project, FOLDERS)
     write_notebook(project, declared_cell(project), line)
-    with pytest.raises(parameters.ProjectError, match=f"{NAME}.ipynb imports {missing}, which"):
-        run.provenance(NAME, {})
+    with pytest.raises(notebooks.ProjectError, match=f"{NAME}.ipynb imports {missing}, which"):
+        freshness.inputs(NAME, {})
 
 
 def test_what_would_be_overlooked_is_an_error(project):
     write_notebook(project, declared_cell(project), "%pip list\nfrom sngr_utils import world")
-    with pytest.raises(parameters.ProjectError, match=f"{NAME}.ipynb: a cell is not plain Python"):
-        run.provenance(NAME, {})
+    with pytest.raises(notebooks.ProjectError, match=f"{NAME}.ipynb: a cell is not plain Python"):
+        freshness.inputs(NAME, {})
     add(project, {".ipynb_checkpoints/a.py": "", "folder/a.py": ""})
-    with pytest.raises(parameters.ProjectError, match=r"sngr_utils/folder/a\.py is in no package"):
+    with pytest.raises(notebooks.ProjectError, match=r"sngr_utils/folder/a\.py is in no package"):
         dependencies.import_graph()
 
 
@@ -489,7 +439,7 @@ def test_failing_notebook_keeps_what_was_published(published, capsys):
     before = {p: p.read_bytes() for p in paths.FIGURES.iterdir()}
     before |= {p: p.read_bytes() for p in paths.RESULTS.iterdir()}
     write_notebook(published, declared_cell(published), BODY, "\nraise RuntimeError('on purpose')")
-    assert run.main(["notebook", NAME]) == 1
+    assert main(["notebook", NAME]) == 1
     message = capsys.readouterr().err
     assert "RuntimeError: on purpose" in message
     assert f"build/staging/{NAME}/{NAME}.ipynb" in message
@@ -500,7 +450,7 @@ def test_failing_notebook_keeps_what_was_published(published, capsys):
 
 def test_notebook_that_saves_nothing_is_an_error(project):
     write_notebook(project, declared_cell(project), "1 + 1")
-    with pytest.raises(parameters.ProjectError, match="saved no results"):
+    with pytest.raises(notebooks.ProjectError, match="saved no results"):
         run.run_notebook(NAME)
 
 
@@ -517,23 +467,24 @@ def test_quick_and_refresh(project):
     run.run_quick(NAME)
     assert (project / f"build/quick/{NAME}/{NAME}.json").exists()
     assert not paths.FIGURES.exists()
-    run.refresh_notebook(NAME)
+    run.refresh(NAME)
     refreshed = nbformat.read(project / f"notebooks/{NAME}.ipynb", as_version=4)
     assert refreshed.cells[2].execution_count == 2
     assert refreshed.metadata.language_info == {"name": "python"}
     write_notebook(project, declared_cell(project), "1 / 0")
     content = (project / f"notebooks/{NAME}.ipynb").read_bytes()
-    with pytest.raises(parameters.ProjectError, match="ZeroDivisionError"):
-        run.refresh_notebook(NAME)
+    with pytest.raises(notebooks.ProjectError, match="ZeroDivisionError"):
+        run.refresh(NAME)
     assert (project / f"notebooks/{NAME}.ipynb").read_bytes() == content
 
 
 def test_interrupt_leaves_with_a_message():
     """SIGINT to a running command: a sentence, status 130, no traceback."""
     code = (
-        "import sys, time; from sngr_utils.publish import run;"
+        "import sys, time; from sngr_utils.__main__ import main;"
+        "from sngr_utils.publish import run;"
         "run.check = lambda: (print('started', flush=True), time.sleep(60));"
-        "sys.exit(run.main(['check']))"
+        "sys.exit(main(['check']))"
     )
     process = subprocess.Popen(
         [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

@@ -3,7 +3,8 @@ import math
 import pytest
 
 from sngr_utils import bimodal, paths, trigger_sweep
-from sngr_utils.publish import parameters, report, verdict_tables, verify
+from sngr_utils.__main__ import main
+from sngr_utils.publish import files, notebooks, report, verdict_tables, verify
 from sngr_utils.show import bimodal as show_bimodal
 from sngr_utils.show import trigger_sweep as show_trigger_sweep
 
@@ -53,7 +54,7 @@ def test_default_tolerances(tmp_path):
     to.value("mean", 0.25, error=0.1)
     to.value("own", 0.25, within=0.2)
     to.save()
-    values = report.read_json(tmp_path / "x.json")["values"]
+    values = files.read_json(tmp_path / "x.json")["values"]
     kinds = {key: tuple(value["tolerance"].values()) for key, value in values.items()}
     assert kinds == {
         "count": ("exact", 0),
@@ -73,7 +74,7 @@ def test_an_error_of_zero_or_rounding_counts_for_nothing(tmp_path, value, error,
     to.value("without", value, fmt)
     to.sample("s", [value] * 3, fmt)  # the mean of three thirds leaves an error of 1e-17
     to.save()
-    written = report.entries(report.read_json(tmp_path / "x.json"))
+    written = files.entries(files.read_json(tmp_path / "x.json"))
     assert {entry["tolerance"]["kind"] for entry in written.values()} <= {"exact", "absolute"}
     assert written["k"]["tolerance"] == written["without"]["tolerance"]
     assert all(row.holds for row in verify.compare_values(written, written))
@@ -83,7 +84,7 @@ def sampled(values, tmp_path, fmt=".2f"):
     to = report.Report("x", tmp_path)
     to.sample("k", values, fmt)
     to.save()
-    return report.entries(report.read_json(tmp_path / "x.json"))
+    return files.entries(files.read_json(tmp_path / "x.json"))
 
 
 @pytest.mark.parametrize(
@@ -114,7 +115,7 @@ def sweep_values(sweep, tmp_path):
     to = report.Report("02_trigger_sweep", tmp_path)
     show_trigger_sweep.record(sweep, to)
     to.save()
-    return report.read_json(tmp_path / "02_trigger_sweep.json")["values"]
+    return files.read_json(tmp_path / "02_trigger_sweep.json")["values"]
 
 
 def test_reference_holds_for_the_sweep_and_a_perturbed_parameter_is_caught(paper_sweep, tmp_path):
@@ -128,7 +129,7 @@ def test_reference_holds_for_the_sweep_and_a_perturbed_parameter_is_caught(paper
 
 
 def test_compare_and_adopt_on_folders(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(verify, "notebook_names", lambda: ["01_bimodal"])
+    monkeypatch.setattr(notebooks, "names", lambda: ["01_bimodal"])
     monkeypatch.setattr(paths, "REFERENCE", tmp_path / "reference")
     monkeypatch.setattr(paths, "RESULTS", tmp_path / "verify/01_bimodal")
     monkeypatch.setattr(verdict_tables, "update_readme", lambda results: seen.update(results))
@@ -142,13 +143,13 @@ def test_compare_and_adopt_on_folders(tmp_path, monkeypatch, capsys):
     assert verify.compare(tmp_path / "verify") > 0  # no reference yet
     verify.adopt()
     assert {"worlds", "clock", "bimodal.sigma_y"} <= seen.keys() == recorded.keys()
-    assert set(report.read_json(tmp_path / "reference/01_bimodal.timings.json")) == {"clock"}
+    assert set(files.read_json(tmp_path / "reference/01_bimodal.timings.json")) == {"clock"}
     assert verify.compare(tmp_path / "verify") == 0
     assert "0 outside their tolerance" in capsys.readouterr().out
 
 
 def reference(name):
-    return report.read_json(paths.REFERENCE / f"{name}.json")
+    return files.read_json(paths.REFERENCE / f"{name}.json")
 
 
 COMMITTED = sorted(path.stem for path in paths.REFERENCE.glob("*.json"))
@@ -192,24 +193,24 @@ def test_the_committed_tolerances_are_what_a_report_writes(name):
     ],
 )  # fmt: skip
 def test_an_altered_reference_is_noticed(tmp_path, monkeypatch, capsys, damage, breaches):
-    monkeypatch.setattr(verify, "notebook_names", lambda: ["01_bimodal"])
+    monkeypatch.setattr(notebooks, "names", lambda: ["01_bimodal"])
     monkeypatch.setattr(paths, "BUILD", tmp_path)
     monkeypatch.setattr(paths, "REFERENCE", tmp_path)
     to = report.Report("01_bimodal", tmp_path / "verify/01_bimodal")
     to.value("v", 1.0)
     to.sample("s", [1.0, 2.0, 3.0])
     to.save()
-    entries = report.entries(report.read_json(tmp_path / "verify/01_bimodal/01_bimodal.json"))
+    entries = files.entries(files.read_json(tmp_path / "verify/01_bimodal/01_bimodal.json"))
     damage(entries)
-    report.write_json(tmp_path / "01_bimodal.json", entries)
-    assert verify.main(["compare"]) == (breaches > 0)
+    files.write_json(tmp_path / "01_bimodal.json", entries)
+    assert main(["verify"]) == (breaches > 0)
     shown = capsys.readouterr().out
     assert shown.count("BREACH") == breaches
     assert f"{breaches} outside their tolerance" in shown
 
 
 def test_there_is_a_reference_for_every_notebook():
-    for name in parameters.notebook_names():
-        values = report.read_json(paths.REFERENCE / f"{name}.json")
+    for name in notebooks.names():
+        values = files.read_json(paths.REFERENCE / f"{name}.json")
         assert len(values) >= 5
         assert all("tolerance" in value for value in values.values())

@@ -1,0 +1,128 @@
+"""The one command line of the project: ``python -m sngr_utils COMMAND``.
+
+The Makefile calls it. A command imports what it needs when it runs: a check of all parameters
+should not wait for what executes notebooks.
+"""
+
+import argparse
+import logging
+import signal
+import sys
+
+from sngr_utils.publish.notebooks import ProjectError
+
+UNTOUCHED = "interrupted: published results are untouched"
+_interrupted = []  # signals received: after one, any exception is a consequence of it
+
+
+def _check(args) -> int:
+    from sngr_utils.publish import run
+
+    run.check()
+    return 0
+
+
+def _stale(args) -> int:
+    from sngr_utils.publish import run
+
+    run.print_stale()
+    return 0
+
+
+def _latex(args) -> int:
+    from sngr_utils.publish import run
+
+    run.write_latex()
+    return 0
+
+
+def _each(args) -> int:
+    from sngr_utils.publish import run
+
+    work = {
+        "notebook": run.run_notebook,
+        "quick": run.run_quick,
+        "aside": run.run_aside,
+        "refresh": run.refresh,
+    }
+    for name in args.names:
+        work[args.command](name)
+    return 0
+
+
+def _verify(args) -> int:
+    from sngr_utils import paths
+    from sngr_utils.publish import verify
+
+    return 1 if verify.compare(paths.BUILD / "verify") else 0
+
+
+def _adopt(args) -> int:
+    from sngr_utils.publish import verify
+
+    verify.adopt()
+    return 0
+
+
+def _compile(args) -> int:
+    from sngr_utils.experiments import warm_up
+
+    warm_up.compile_all()
+    return 0
+
+
+def _bench(args) -> int:
+    from sngr_utils.cost import Config
+    from sngr_utils.publish import parameters
+    from sngr_utils.show import cost
+
+    cost.print_bench(Config(**parameters.read_params("04_cost")))
+    return 0
+
+
+COMMANDS = {
+    "check": (_check, "check all parameter files and the claims"),
+    "stale": (_stale, "print the make targets that are out of date"),
+    "latex": (_latex, "write paper/generated from fresh results"),
+    "verify": (_verify, "compare the runs aside with the committed reference"),
+    "adopt": (_adopt, "make the published results the reference"),
+    "compile": (_compile, "compile everything that is compiled, before processes share it"),
+    "bench": (_bench, "time the engines side by side, with their errors"),
+    "notebook": (_each, "publish notebooks with their YAML unless their results are fresh"),
+    "quick": (_each, "run notebooks with params/quick, into build/quick"),
+    "aside": (_each, "run notebooks with their YAML, into build/verify"),
+    "refresh": (_each, "store fresh outputs in committed notebooks"),
+}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m sngr_utils", description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    for name, (work, meaning) in COMMANDS.items():
+        command = commands.add_parser(name, help=meaning)
+        if work is _each:
+            command.add_argument("names", nargs="+")
+    args = parser.parse_args(arguments)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _interrupt)
+    try:
+        return COMMANDS[args.command][0](args)
+    except ProjectError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except BaseException:
+        if not _interrupted:
+            raise
+        logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # no traceback of the lost kernel
+        print(UNTOUCHED, file=sys.stderr)
+        return 130
+
+
+def _interrupt(signum, frame):
+    _interrupted.append(signum)
+    raise KeyboardInterrupt
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,34 @@
+"""Results as files: JSON that diffs well, and files that are replaced whole or not at all."""
+
+import json
+import os
+import re
+import shutil
+from pathlib import Path
+
+NUMBER_LIST = re.compile(r"\[\s*(?:(?:-?[\d.]+(?:e[+-]?\d+)?|null),?\s*)+\]")
+
+
+def write_json(path: Path, content: dict) -> None:
+    """Write JSON that diffs well, with all digits; a list of numbers stays on one line."""
+    text = json.dumps(content, indent=1, ensure_ascii=False)
+    text = NUMBER_LIST.sub(lambda found: " ".join(found[0].split()), text)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def read_json(path: Path) -> dict:
+    """What `write_json` wrote."""
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def entries(result: dict) -> dict[str, dict]:
+    """All that a notebook's JSON hands on under a key: its values, and its samples if any."""
+    return {**result["values"], **result.get("samples", {})}
+
+
+def replace(source: Path, target: Path) -> None:
+    """Put a copy of a file in another's place, whole or not at all."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    partial = target.with_name(target.name + ".partial")
+    shutil.copyfile(source, partial)
+    os.replace(partial, target)
