@@ -2,11 +2,20 @@
 
 from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+
+def _distinct(values: list) -> list:
+    if len(set(values)) < len(values):
+        raise ValueError("it must not repeat a value")
+    return values
+
 
 Positive = Annotated[float, Field(gt=0)]
 Probability = Annotated[float, Field(ge=0, le=1)]
 Seed = Annotated[int, Field(ge=0)]
+Distinct = AfterValidator(_distinct)  # of a list: Annotated[list[Seed], Distinct]
+Levels = Annotated[list[Probability], Field(min_length=1), Distinct]  # the p of a study
 
 PRESET_NAMES = ("A", "B", "C")  # names of `conventions.PRESETS`: what the paper leaves open
 READING = "C"  # the preset that is our reading of the paper: GTSAM's own iSAM2 settings

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from sngr_utils.settings import Checked, Positive
 
@@ -49,3 +49,19 @@ def preset_conventions(preset: str, overrides: dict | None = None) -> Convention
             allowed = ", ".join(Conventions.model_fields)
             raise ValueError(f"conventions has no field {field!r}: it may set {allowed}")
     return Conventions(**{**PRESETS[preset].model_dump(), **(overrides or {})})
+
+
+class OpenConventions(Checked):
+    """preset, conventions : the named preset with single fields replaced"""
+
+    preset: str = "B"
+    conventions: dict = {}
+
+    @model_validator(mode="after")
+    def _conventions_exist(self):
+        preset_conventions(self.preset, self.conventions)
+        return self
+
+    @property
+    def chosen(self) -> Conventions:
+        return preset_conventions(self.preset, self.conventions)

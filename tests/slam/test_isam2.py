@@ -132,6 +132,15 @@ def test_conventions():
         conventions.preset_conventions("A", {"landmark_prior_sigma": -1.0})
 
 
+def test_open_conventions_are_checked_when_they_are_set():
+    lazy = conventions.OpenConventions(preset="A", conventions={"relinearize_skip": 3})
+    assert lazy.chosen == conventions.preset_conventions("A", {"relinearize_skip": 3})
+    with pytest.raises(ValueError, match="preset is 'D'"):
+        conventions.OpenConventions(preset="D")
+    with pytest.raises(ValueError, match="relinearize_skop"):
+        conventions.OpenConventions(conventions={"relinearize_skop": 3})
+
+
 def test_a_shifted_x0_mean_shifts_everything(clean):
     """Nothing but the x0 prior knows where the frame is."""
     shift = np.array([1.0, -2.0, 0.0])
