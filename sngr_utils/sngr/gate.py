@@ -4,15 +4,23 @@ import math
 from typing import Annotated
 
 from pydantic import Field
-from scipy import stats
 
 from sngr_utils.settings import Checked
 
 
 class Gate(Checked):
-    """tolerance : how far the log posterior of the mean may lie below the MAP's, [nats]"""
+    """gate_tolerance : how far log p(mean) may lie below log p(MAP), [nats]"""
 
     gate_tolerance: Annotated[float, Field(ge=0)] = 1e-3
+
+    def slack(self, dimension: int, effective: float) -> float:
+        """How far log p(mean) may lie below log p(MAP), [nats].
+
+        Parameters
+        ----------
+        dimension, effective : d, and n, the effective number of samples
+        """
+        return self.gate_tolerance
 
 
 def passes_gate(delta_logp: float, tolerance: float) -> bool:
@@ -32,18 +40,6 @@ class NoiseGate(Gate):
     gate_sigmas: Annotated[float, Field(ge=0)] = 3.0
 
     def slack(self, dimension: int, effective: float) -> float:
-        """How far log p(mean) may lie below log p(MAP), [nats].
-
-        Parameters
-        ----------
-        effective : n, the effective number of samples
-        """
+        """The tolerance, and what noise of d numbers and n effective samples may cost, [nats]."""
         noise = 0.5 * dimension + self.gate_sigmas * math.sqrt(0.5 * dimension)
         return self.gate_tolerance + noise / effective
-
-    def false_refusal(self, dimension: int, effective: float) -> float:
-        """Probability that the exact mode of a Gaussian posterior is refused by noise alone.
-
-        0.0098 for d = 9 and 0.0059 for d = 27 at three sigmas and no tolerance.
-        """
-        return float(stats.chi2.sf(2 * effective * self.slack(dimension, effective), dimension))

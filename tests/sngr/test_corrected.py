@@ -121,15 +121,17 @@ def test_the_quadratic_divides_the_prior_out(noisy):
 
 
 def test_false_refusals_are_as_many_as_the_gate_says():
-    """20 000 Gaussian means at 5 standard errors. Failure probability 6e-7 each."""
+    """Noise alone loses chi^2_d / 2n against the exact mode of a Gaussian posterior.
+
+    20 000 Gaussian means at 5 standard errors. Failure probability 6e-7 each."""
     rng = np.random.default_rng(0)
     gate = NoiseGate(gate_tolerance=0.0, gate_sigmas=1.0)
     for d, n in ((9, 40.0), (27, 200.0)):
         losses = 0.5 * rng.chisquare(d, 20_000) / n
         refused = np.mean(losses > gate.slack(d, n))
-        expected = gate.false_refusal(d, n)
+        expected = stats.chi2.sf(2 * n * gate.slack(d, n), d)
         assert abs(refused - expected) < 5 * np.sqrt(expected * (1 - expected) / 20_000)
-    assert NoiseGate().false_refusal(9, 500) < 0.01
+    assert stats.chi2.sf(2 * 500 * NoiseGate().slack(9, 500), 9) < 0.01
 
 
 @pytest.mark.parametrize(("d", "n", "sigmas"), [(9, 500.0, 3.0), (27, 80.0, 0.0), (2, 1.0, 1.5)])
