@@ -8,7 +8,7 @@ import numpy as np
 
 from sngr_utils.detection import mirror_image
 from sngr_utils.slam.selected_inverse import ChainCovariance
-from sngr_utils.sngr import failure, trigger
+from sngr_utils.sngr import failure, trigger, windows
 from sngr_utils.sngr.windows import WIDTH, n_windows
 from sngr_utils.world.simulation import World
 
@@ -23,12 +23,6 @@ SCORES = {
     "disagreement": "distance between the plain and the robust estimate, [m]",
     "disagreement_sigmas": "the same beyond the failure limit, in its own standard deviations",
 }
-
-
-def condition_number(covariances: np.ndarray) -> np.ndarray:
-    """(N,) log10 condition numbers of (N, 9, 9) window covariances (paper eq. "score")."""
-    low, high = trigger.log_extremes(covariances).T
-    return high - low
 
 
 def largest_eigenvalue(covariances: np.ndarray) -> np.ndarray:
@@ -49,7 +43,7 @@ def disagreement(poses: np.ndarray, reference: np.ndarray) -> np.ndarray:
 
     The same mean that makes a failure of it (`failure.failures`) if the reference is the truth.
     """
-    return _window_means(np.linalg.norm((poses - reference)[:, :2], axis=1))
+    return windows.means(np.linalg.norm((poses - reference)[:, :2], axis=1))
 
 
 def disagreement_sigmas(
@@ -79,7 +73,7 @@ def disagreement_sigmas(
     n = n_windows(len(poses))
     gradient = np.hstack([body[i : i + n] for i in range(WIDTH)]) / WIDTH
     variance = np.einsum("ni,nij,nj->n", gradient, covariance.windows, gradient)
-    return (_window_means(distance) - failure.FAILURE_ERROR) / np.sqrt(variance)
+    return (windows.means(distance) - failure.FAILURE_ERROR) / np.sqrt(variance)
 
 
 def mirror_weight(world: World, poses: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
@@ -122,8 +116,3 @@ def either(*surprises: np.ndarray) -> np.ndarray:
     Source: Bonferroni's inequality.
     """
     return np.maximum(np.max(surprises, axis=0) - np.log10(len(surprises)), 0.0)
-
-
-def _window_means(values: np.ndarray) -> np.ndarray:
-    """(N,) means of (T,) values over the poses of each window."""
-    return np.convolve(values, np.full(WIDTH, 1 / WIDTH), mode="valid")

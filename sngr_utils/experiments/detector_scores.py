@@ -14,7 +14,6 @@ import pandas as pd
 from sngr_utils.detection import leverage
 from sngr_utils.detection.scores import (
     SCORES,
-    condition_number,
     disagreement,
     disagreement_sigmas,
     either,
@@ -92,7 +91,7 @@ def scores(
     null = selected_inverse.covariance_at(*reference, the_world, conventions)  # all labels right
     robust_test = leverage.chi_square(the_world, *reference, null)
     return pd.DataFrame({
-        "condition": condition_number(plain.windows),
+        "condition": trigger.score(plain.windows),
         "eigenvalue": largest_eigenvalue(plain.windows),
         "chi_square": leverage.chi_square(the_world, poses, landmarks, plain).surprise,
         "chi_square_robust": robust_test.surprise,
@@ -107,7 +106,7 @@ def wrong_labels(the_world: simulation.World) -> np.ndarray:
     """(T-W+1,) int: ranges with a wrong label in each window. One is enough to contaminate it."""
     wrong = the_world.pose_of[the_world.label_of != the_world.source_of]
     per_pose = np.bincount(wrong, minlength=the_world.n_poses)
-    return np.convolve(per_pose, np.ones(windows.WIDTH, dtype=int), mode="valid")
+    return windows.counts(per_pose)
 
 
 def window_rows(case: Case, paper: Scenario, conventions: Conventions, seed: int) -> pd.DataFrame:

@@ -143,7 +143,7 @@ def _sngr(
     """
     solution = isam2.run_isam2(the_world, conventions)
     covariance = selected_inverse.window_covariances(solution, the_world, conventions)
-    fired = trigger.triggers(np.array([trigger.score(block) for block in covariance]), TAU)
+    fired = trigger.triggers(trigger.score(covariance), TAU)
     settings = SamplerSettings(min_walks=engines.ENOUGH_WALKS)
     refined = refine.refine_windows(
         solution, np.flatnonzero(fired), covariance, settings, gate.Gate(), "fast", rng=rng

@@ -74,7 +74,7 @@ def run_baseline(scenario: Scenario, conventions: Conventions, p: float, seed: i
         solution=solution,
         position_errors=distances,
         covariances=covariances,
-        scores=np.array([trigger.score(covariance) for covariance in covariances]),
+        scores=trigger.score(covariances),
         failed=failure.failures(distances),
         pose_rmse=rmse_and_nees.rmse(solution.poses[:, :2], the_world.poses[:, :2]),
         landmark_rmse=rmse_and_nees.rmse(solution.landmarks, the_world.landmarks),

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sngr_utils.sngr.windows import WIDTH
+from sngr_utils.sngr import windows
 
 FAILURE_ERROR = 0.5  # m, mean position error above which a window has failed
 
@@ -14,5 +14,4 @@ def failures(position_errors: np.ndarray) -> np.ndarray:
     ----------
     position_errors : (T,) distance of each estimated pose to the truth, [m]
     """
-    means = np.convolve(position_errors, np.full(WIDTH, 1 / WIDTH), mode="valid")
-    return means > FAILURE_ERROR
+    return windows.means(position_errors) > FAILURE_ERROR

@@ -7,13 +7,13 @@ from sngr_utils.sngr.windows import WIDTH
 FIRST_ELIGIBLE = WIDTH - 1  # the paper's "t >= W - 1"
 
 
-def score(covariance: np.ndarray) -> float:
-    """log10 of the condition number of a (D, D) covariance (paper eq. "score").
+def score(covariances: np.ndarray) -> np.ndarray:
+    """(...,) log10 of the condition numbers of (..., D, D) covariances (paper eq. "score").
 
     Not invariant to units: a pose mixes metres and radians.
     """
-    eigenvalues = np.linalg.eigvalsh(covariance)
-    return float(np.log10(eigenvalues[-1] / eigenvalues[0]))
+    eigenvalues = np.linalg.eigvalsh(covariances)
+    return np.log10(eigenvalues[..., -1] / eigenvalues[..., 0])
 
 
 def in_units(covariances: np.ndarray, per_metre: float) -> np.ndarray:
@@ -28,24 +28,9 @@ def in_units(covariances: np.ndarray, per_metre: float) -> np.ndarray:
 def log_extremes(covariances: np.ndarray) -> np.ndarray:
     """(..., 2) log10 of lambda_min and lambda_max of (..., D, D) covariances.
 
-    The score is their difference (paper eq. "score").
+    Their difference is the `score`.
     """
     return np.log10(np.linalg.eigvalsh(covariances)[..., [0, -1]])
-
-
-def position_sigma(tau: float, log_lambda_min: float) -> float:
-    """The position standard deviation of a pose that `tau` stands for, about, [m].
-
-    With lambda_min fixed by the odometry, score > tau is lambda_max > 10^(tau + log_lambda_min).
-    The largest direction moves the window's poses together, so its variance is nearly WIDTH
-    times that of one pose along the direction in which it is least certain.
-
-    Parameters
-    ----------
-    tau : threshold on the score with positions in metres
-    log_lambda_min : log10 of the smallest eigenvalue, a heading difference, [rad^2]
-    """
-    return float(np.sqrt(10 ** (tau + log_lambda_min) / WIDTH))
 
 
 def triggers(window_scores: np.ndarray, tau: float) -> np.ndarray:

@@ -19,6 +19,16 @@ def n_windows(n_poses: int) -> int:
     return n_poses - WIDTH + 1
 
 
+def means(values: np.ndarray) -> np.ndarray:
+    """(T-W+1,) means of (T,) values over the poses of each window."""
+    return np.convolve(values, np.full(WIDTH, 1 / WIDTH), mode="valid")
+
+
+def counts(values: np.ndarray) -> np.ndarray:
+    """(T-W+1,) int: sums of (T,) counts over the poses of each window."""
+    return np.convolve(values, np.ones(WIDTH, dtype=int), mode="valid")
+
+
 def covariances(solution: Solution) -> np.ndarray:
     """(T-W+1, 9, 9) joint marginal covariance Sigma_w of every window."""
     all_marginals = gtsam_marginals(solution)

@@ -5,7 +5,6 @@ import pytest
 
 from sngr_utils.detection.scores import (
     SCORES,
-    condition_number,
     disagreement,
     disagreement_sigmas,
     either,
@@ -25,12 +24,6 @@ C = conventions.PRESETS["C"]
 def run():
     the_world = simulation.simulate(Scenario(n_poses=15), 0.2, rng=np.random.default_rng(100))
     return the_world, isam2.run_isam2(the_world, C)
-
-
-def test_condition_number_is_the_papers_score(run):
-    covariances = selected_inverse.window_covariances(run[1], run[0], C)
-    expected = [trigger.score(covariance) for covariance in covariances]
-    assert np.allclose(condition_number(covariances), expected, rtol=1e-12)
 
 
 def test_largest_eigenvalue_sees_positions_only(run):

@@ -93,7 +93,7 @@ def test_sngr_is_that_of_the_other_notebooks():
     rmse = rmse_and_nees.rmse(found.poses[:, :2], drawn.poses[:, :2])
     solution = isam2.run_isam2(drawn, C)
     blocks = windows.covariances(solution)
-    fired = trigger.triggers(np.array([trigger.score(block) for block in blocks]), estimators.TAU)
+    fired = trigger.triggers(trigger.score(blocks), estimators.TAU)
     settings = SamplerSettings(min_walks=engines.ENOUGH_WALKS)
     others = []
     for stream in np.random.default_rng(104).spawn(6):

@@ -20,6 +20,17 @@ def test_triggers_need_score_and_position():
     assert trigger.triggers(scores, 3.9).tolist() == [False, False, True, False, True]
 
 
+def test_scores_of_many_windows_are_those_of_each(noisy):
+    assert trigger.score(noisy.covariances).tolist() == [
+        float(trigger.score(covariance)) for covariance in noisy.covariances
+    ]
+
+
+def test_means_and_counts_are_of_three_poses():
+    assert np.allclose(windows.means(np.array([1.0, 2.0, 3.0, 7.0])), [2, 4])
+    assert windows.counts(np.array([1, 0, 2, 5])).tolist() == [3, 7]
+
+
 def test_failures_are_means_of_three():
     errors = np.array([0.0, 0.0, 1.6, 0.0, 0.0, 1.4])
     assert failure.failures(errors).tolist() == [True, True, True, False]
@@ -71,20 +82,14 @@ def test_score_hangs_on_the_unit_of_length(noisy):
     assert np.ptp(metres[:, 0]) < 0.02
 
 
-def test_position_sigma_of_poses_that_move_together():
-    sigma, heading = 0.3, 1e-3
-    together = np.kron(np.ones((3, 3)), np.diag([sigma**2, 0.1 * sigma**2, 0]))
-    covariance = together + np.diag(np.tile([0, 0, heading**2], 3))
-    covariance += np.diag(np.tile([1e-5, 1e-5, 0], 3))
-    tau, smallest = trigger.score(covariance), trigger.log_extremes(covariance)[0]
-    assert trigger.position_sigma(tau, smallest) == pytest.approx(sigma, rel=1e-3)
+def test_a_score_says_how_uncertain_the_positions_are(clean):
+    """The largest position sigma of a window's poses, read from its score alone, to 5 %.
 
-
-def test_position_sigma_says_what_a_score_means(clean):
-    """The largest position sigma of a window's poses, read from its score alone, to 5 %."""
+    lambda_min is fixed by the odometry, and the largest direction moves all poses together.
+    """
     smallest = trigger.log_extremes(clean.covariances)[:, 0]
     for i, covariance in enumerate(clean.covariances):
         blocks = [covariance[j : j + 2, j : j + 2] for j in (0, 3, 6)]
         largest = np.sqrt(np.mean([np.linalg.eigvalsh(block)[-1] for block in blocks]))
-        told = trigger.position_sigma(clean.scores[i], smallest[i])
+        told = np.sqrt(10 ** (clean.scores[i] + smallest[i]) / windows.WIDTH)
         assert told == pytest.approx(largest, rel=0.05)
