@@ -1,20 +1,21 @@
 """Driver of notebook 04: what selective refinement costs, and what it saves."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from sngr_utils.experiments import engine_bench, growth
-from sngr_utils.sampling import engines, weighted_samples
+from sngr_utils.sampling import weighted_samples
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.targets.likelihood import LocalLikelihood
 from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.slam import selected_inverse
 from sngr_utils.slam.conventions import preset_conventions
 from sngr_utils.slam.isam2 import run_isam2
-from sngr_utils.sngr import gate, refine, windows
+from sngr_utils.sngr import algorithm, gate, refine, trigger, windows
 from sngr_utils.sngr.baseline import Baseline, run_baseline
 from sngr_utils.sngr.closure import touching_factors, variable_closure
 from sngr_utils.world.scenario import Scenario
@@ -95,22 +96,24 @@ def run_level(config: Config, p: float) -> Cost:
     conventions = preset_conventions(config.preset, config.conventions)
     base = run_baseline(config.part(Scenario), conventions, p, config.seed)
     _, isam2_seconds = engine_bench.timed(lambda: run_isam2(base.world, conventions))
-    streams = np.random.default_rng([config.seed, 1]).spawn(len(base.covariances))
     fired = base.fired(config.tau)
     calls, seconds = np.full((2, len(fired)), np.nan)
     for t in [*np.flatnonzero(fired), *np.flatnonzero(~fired)[::EVERY]]:
-        run, seconds[t] = engine_bench.timed(lambda t=t: _sample(config, base, t, streams[t]))
-        calls[t] = run.calls
+        refined, seconds[t] = engine_bench.timed(lambda t=t: _refine(config, base, t))
+        calls[t] = refined[0].run.calls
     return Cost(base, fired, calls, seconds, isam2_seconds)
 
 
-def _sample(
-    config: Config, base: Baseline, t: int, rng: np.random.Generator, engine: str = "dynesty"
-) -> weighted_samples.NestedRun:
-    """The run of one window."""
-    likelihood = refine.window_likelihood(base.solution, t, config.likelihood_factor)
-    settings = config.part(SamplerSettings)
-    return engines.sample_window(likelihood, base.covariances[t], settings, engine, rng=rng)
+def _refine(
+    config: Config, base: Baseline, which: int | slice, engine: str = "dynesty"
+) -> list[refine.RefinedWindow]:
+    """Windows refined, whatever their scores."""
+    conventions = preset_conventions(config.preset, config.conventions)
+    return algorithm.run(
+        base.world, conventions, partial(trigger.regardless, which=which),
+        refine.Paper(config.part(SamplerSettings), engine), gate.Gate(), base,
+        rng=np.random.default_rng([config.seed, 1]),
+    ).windows  # fmt: skip
 
 
 def compare_engines(config: Config) -> dict[str, engine_bench.Performance]:
@@ -147,11 +150,7 @@ def exhaustive_fast(config: Config) -> tuple[float, float]:
 
     def refine_all():
         covariances = selected_inverse.window_covariances(base.solution, base.world, conventions)
-        return refine.refine_windows(
-            base.solution, range(len(covariances)), covariances,
-            config.part(SamplerSettings), gate.Gate(), "fast",
-            rng=np.random.default_rng([config.seed, 1]),
-        )  # fmt: skip
+        return _refine(config, replace(base, covariances=covariances), slice(None), "fast")
 
     refine_all()  # compile, or load what was compiled
     _, isam2_seconds = engine_bench.timed(lambda: run_isam2(base.world, conventions))
@@ -215,5 +214,4 @@ def single_window(config: Config, t: int) -> weighted_samples.NestedRun:
     """The nested sampling run of window t at the first p, for settings other than the paper's."""
     conventions = preset_conventions(config.preset, config.conventions)
     base = run_baseline(config.part(Scenario), conventions, config.p_levels[0], config.seed)
-    rng = np.random.default_rng([config.seed, 1]).spawn(len(base.covariances))[t]
-    return _sample(config, base, t, rng)
+    return _refine(config, base, t)[0].run

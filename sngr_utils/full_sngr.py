@@ -1,7 +1,8 @@
 """Driver of notebook 03: the whole algorithm, from trigger to gate."""
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -13,8 +14,8 @@ from sngr_utils.sampling.targets.likelihood import LocalLikelihood
 from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.slam import marginals
 from sngr_utils.slam.conventions import PRESETS, preset_conventions
-from sngr_utils.slam.solution import pose_vector, poses_of
-from sngr_utils.sngr import closure, gate, noop_baseline, refine, trigger, windows
+from sngr_utils.slam.solution import pose_vector
+from sngr_utils.sngr import algorithm, closure, gate, noop_baseline, refine, trigger, windows
 from sngr_utils.sngr.baseline import Baseline, run_baseline
 from sngr_utils.world import dead_reckoning
 from sngr_utils.world.scenario import Scenario
@@ -107,14 +108,13 @@ def run_level(config: Config, p: float) -> Refinement:
     """SNGR at one p. The sampler's stream depends on the seed, not on p or the other levels."""
     conventions = preset_conventions(config.preset, config.conventions)
     base = run_baseline(config.part(Scenario), conventions, p, config.seed)
-    refined = _refine(config, base, np.flatnonzero(base.fired(config.tau)))
-    updated = refine.apply_updates(base.solution.estimate, refined)
-    poses, true = poses_of(updated, base.world.n_poses), base.world.poses
+    refined = _refine(config, base, partial(trigger.triggers, tau=config.tau))
+    poses, true = refined.poses, base.world.poses
     covariances = marginals.position_covariances(base.solution, conventions.nees_frame)
     dead = dead_reckoning.dead_reckoning(true[0], base.world.odometry)
     return Refinement(
         baseline=base,
-        windows=refined,
+        windows=refined.windows,
         poses=poses,
         pose_rmse=rmse_and_nees.rmse(poses[:, :2], true[:, :2]),
         nees=rmse_and_nees.nees(poses[:, :2] - true[:, :2], covariances),
@@ -122,16 +122,14 @@ def run_level(config: Config, p: float) -> Refinement:
     )
 
 
-def _refine(config: Config, base: Baseline, which: Iterable[int]) -> list[refine.RefinedWindow]:
-    return refine.refine_windows(
-        base.solution,
-        which,
-        base.covariances,
-        config.part(SamplerSettings),
-        config.part(gate.Gate),
-        config.engine,
-        rng=np.random.default_rng([config.seed, 1]),
-    )
+def _refine(
+    config: Config, base: Baseline, fires: Callable[[np.ndarray], np.ndarray]
+) -> algorithm.Refined:
+    sampling = refine.Paper(config.part(SamplerSettings), config.engine)
+    return algorithm.run(
+        base.world, preset_conventions(config.preset, config.conventions), fires, sampling,
+        config.part(gate.Gate), base, rng=np.random.default_rng([config.seed, 1]),
+    )  # fmt: skip
 
 
 def run_presets(config: Config, levels: dict[float, Refinement]) -> dict[str, Refinement]:
@@ -172,7 +170,8 @@ def example_window(config: Config, level: Refinement) -> refine.RefinedWindow:
     """The window of highest score, refined whether it triggered or not: one to look at."""
     scores = level.baseline.scores
     best = trigger.FIRST_ELIGIBLE + int(np.argmax(scores[trigger.FIRST_ELIGIBLE :]))
-    return _refine(config, level.baseline, [best])[0]
+    only = partial(trigger.regardless, which=best)
+    return _refine(config, level.baseline, only).windows[0]
 
 
 def likelihood_of(config: Config, level: Refinement, t: int) -> LocalLikelihood:

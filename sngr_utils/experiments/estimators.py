@@ -7,6 +7,7 @@ prior. None is given the truth; the oracle alone is given which landmark each ra
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import joblib
 import numpy as np
@@ -18,8 +19,7 @@ from sngr_utils.sampling import engines
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.slam import isam2, landmark_starts, marginals, selected_inverse
 from sngr_utils.slam.conventions import Conventions
-from sngr_utils.slam.solution import poses_of
-from sngr_utils.sngr import gate, refine, trigger
+from sngr_utils.sngr import algorithm, gate, refine, trigger
 from sngr_utils.world import dead_reckoning, simulation
 from sngr_utils.world.scenario import Scenario
 
@@ -141,16 +141,15 @@ def _sngr(
 
     It hands those on to nested sampling that it cannot be trusted with (`engines`).
     """
-    solution = isam2.run_isam2(the_world, conventions)
-    covariance = selected_inverse.window_covariances(solution, the_world, conventions)
-    fired = trigger.triggers(trigger.score(covariance), TAU)
-    settings = SamplerSettings(min_walks=engines.ENOUGH_WALKS)
-    refined = refine.refine_windows(
-        solution, np.flatnonzero(fired), covariance, settings, gate.Gate(), "fast", rng=rng
-    )
-    poses = poses_of(refine.apply_updates(solution.estimate, refined), the_world.n_poses)
-    covariances = marginals.position_covariances(solution, "world")
-    return Estimate(poses, solution.landmarks, covariances)
+    refined = algorithm.run(
+        the_world, conventions, partial(trigger.triggers, tau=TAU),
+        refine.Paper(SamplerSettings(min_walks=engines.ENOUGH_WALKS), "fast"), gate.Gate(),
+        marginals=partial(
+            selected_inverse.window_covariances, world=the_world, conventions=conventions
+        ), rng=rng,
+    )  # fmt: skip
+    covariances = marginals.position_covariances(refined.solution, "world")
+    return Estimate(refined.poses, refined.solution.landmarks, covariances)
 
 
 def expected_nees(

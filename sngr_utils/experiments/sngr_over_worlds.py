@@ -1,6 +1,7 @@
 """SNGR itself over many worlds, as the paper has it and corrected: tidy tables."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import joblib
 import numpy as np
@@ -9,10 +10,11 @@ import pandas as pd
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.sampling import engines
 from sngr_utils.sampling.settings import SamplerSettings
-from sngr_utils.slam import marginals, solution
+from sngr_utils.slam import marginals
 from sngr_utils.slam.conventions import Conventions
-from sngr_utils.sngr import corrected, gate, noop_baseline, refine
+from sngr_utils.sngr import algorithm, corrected, gate, noop_baseline, refine, trigger
 from sngr_utils.sngr.baseline import Baseline, run_baseline
+from sngr_utils.sngr.noop_baseline import TriggerOnly
 from sngr_utils.world.scenario import Scenario
 
 VARIANTS = ("paper", "conditional", "marginal")
@@ -76,60 +78,40 @@ def _run_one(
     tau: float,
 ) -> list[dict[str, object]]:
     base = run_baseline(scenario, conventions, p, seed)
-    which = np.flatnonzero(base.fired(tau))
-    rows = []
-    for variant in variants:
-        rng = np.random.default_rng([seed, 1])
-        make = _paper if variant == "paper" else _corrected
-        rows.append({
-            "variant": variant, "preset": preset, "p": p, "seed": seed,
-            "triggered": len(which), **make(base, which, variant, conventions.nees_frame, rng),
-        })  # fmt: skip
-    return rows
+    head = {"preset": preset, "p": p, "seed": seed, "triggered": int(base.fired(tau).sum())}
+    return [
+        {"variant": variant, **head, **_variant_row(base, conventions, variant, tau)}
+        for variant in variants
+    ]
 
 
-def _paper(
-    base: Baseline, which: np.ndarray, variant: str, frame: str, rng: np.random.Generator
+def _variant_row(
+    base: Baseline, conventions: Conventions, variant: str, tau: float
 ) -> dict[str, float]:
-    settings = SamplerSettings(min_walks=engines.ENOUGH_WALKS)
-    refined = refine.refine_windows(
-        base.solution, which, base.covariances, settings, gate.Gate(), "nested", rng=rng
-    )
-    updated = refine.apply_updates(base.solution.estimate, refined)
-    truth = base.world.poses[:, :2]
-    positions = solution.poses_of(updated, len(truth))[:, :2]
-    covariances = marginals.position_covariances(base.solution, frame)
-    noop = noop_baseline.TriggerOnly().noop_sigma
-    weights = [noop_baseline.noop_expected_log_weight(base.covariances[t], noop) for t in which]
+    """One variant on one world. The windows are those that fire at iSAM2's estimate."""
+    sampling, the_gate, noop = corrected.Corrected(variant), gate.NoiseGate(), []
+    if variant == "paper":
+        settings, sigma = SamplerSettings(min_walks=engines.ENOUGH_WALKS), TriggerOnly().noop_sigma
+        sampling, the_gate = refine.Paper(settings, "nested"), gate.Gate()
+        fired = base.covariances[base.fired(tau)]
+        noop = [noop_baseline.noop_expected_log_weight(covariance, sigma) for covariance in fired]
+    refined = algorithm.run(
+        base.world, conventions, partial(trigger.triggers, tau=tau), sampling, the_gate, base,
+        rng=np.random.default_rng([base.seed, 1]),
+    )  # fmt: skip
+    truth, solution = base.world.poses[:, :2], refined.solution
+    covariances = marginals.position_covariances(solution, conventions.nees_frame)
+    before, after = solution.poses[:, :2], refined.poses[:, :2]
     return {
-        **_window_row(base, refined),
+        **_window_row(base, refined.windows),
         "isam2_pose_rmse": base.pose_rmse,
-        "base_pose_rmse": base.pose_rmse,
-        "sngr_pose_rmse": rmse_and_nees.rmse(positions, truth),
-        "sngr_landmark_rmse": base.landmark_rmse,
+        "base_pose_rmse": rmse_and_nees.rmse(before, truth),
+        "sngr_pose_rmse": rmse_and_nees.rmse(after, truth),
+        "sngr_landmark_rmse": rmse_and_nees.rmse(solution.landmarks, base.world.landmarks),
         "isam2_nees": base.nees,
-        "base_nees": base.nees,
-        "sngr_nees": rmse_and_nees.nees(positions - truth, covariances),
-        "noop": float(np.mean(weights)) if weights else np.nan,
-    }
-
-
-def _corrected(
-    base: Baseline, which: np.ndarray, variant: str, frame: str, rng: np.random.Generator
-) -> dict[str, float]:
-    settings = corrected.CorrectedSettings(separators=variant)
-    sampler = SamplerSettings()
-    run = corrected.run(base, which, settings, sampler, gate.NoiseGate(), frame=frame, rng=rng)
-    return {
-        **_window_row(base, run.windows),
-        "isam2_pose_rmse": base.pose_rmse,
-        "base_pose_rmse": run.base_rmse,
-        "sngr_pose_rmse": run.pose_rmse,
-        "sngr_landmark_rmse": run.landmark_rmse,
-        "isam2_nees": base.nees,
-        "base_nees": run.base_nees,
-        "sngr_nees": run.nees,
-        "noop": np.nan,
+        "base_nees": rmse_and_nees.nees(before - truth, covariances),
+        "sngr_nees": rmse_and_nees.nees(after - truth, covariances),
+        "noop": float(np.mean(noop)) if noop else np.nan,
     }
 
 

@@ -3,9 +3,6 @@
 dynesty is the reference; the others are tested against it, and against GTSAM's factors.
 """
 
-from collections.abc import Sequence
-
-import joblib
 import numpy as np
 
 from sngr_utils.sampling import compiled_nested, importance
@@ -125,28 +122,3 @@ def _fast(
         draw.log_evidence_error, draw.calls + (checked.calls if checked else 0),
         note="audited" if checked else "",
     )  # fmt: skip
-
-
-def sample_windows(
-    likelihoods: Sequence[LocalLikelihood],
-    covariances: Sequence[np.ndarray],
-    settings: SamplerSettings,
-    engine: str = "dynesty",
-    jobs: int | None = None,
-    *,
-    rngs: Sequence[np.random.Generator],
-) -> list[NestedRun]:
-    """`sample_window` for many windows, in parallel by joblib.
-
-    Each window has a generator of its own, so results do not depend on the number of workers,
-    on joblib's backend, or on the order.
-
-    Parameters
-    ----------
-    jobs : workers; None leaves it to ``joblib.parallel_config``, which may also name another
-        backend, e.g. dask
-    """
-    return joblib.Parallel(n_jobs=jobs)(
-        joblib.delayed(sample_window)(likelihood, covariance, settings, engine, rng=rng)
-        for likelihood, covariance, rng in zip(likelihoods, covariances, rngs, strict=True)
-    )

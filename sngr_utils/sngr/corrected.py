@@ -1,75 +1,59 @@
-"""SNGR with its slips mended: the window's own posterior, a settled base, a gate that knows noise.
+"""What SNGR samples with its slips mended: the window's own posterior at a settled estimate.
 
 The paper samples the root of the likelihood under a prior that already holds it. Here the
-target is that of `posterior`: every factor, once.
+target is that of `window_posterior`: every factor, once. The gate that goes with it is
+`gate.NoiseGate`, which knows the noise of a mean.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from gtsam.symbol_shorthand import X
 
-from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.sampling import engines, importance, laplace, weighted_samples
 from sngr_utils.sampling.settings import FastSettings, SamplerSettings
 from sngr_utils.sampling.targets import compiled
-from sngr_utils.settings import Checked, Positive
-from sngr_utils.slam import marginals
 from sngr_utils.slam.levenberg_marquardt import converge
-from sngr_utils.slam.solution import Solution, poses_of
-from sngr_utils.sngr import refine, window_posterior, windows
-from sngr_utils.sngr.baseline import Baseline
-from sngr_utils.sngr.gate import NoiseGate, passes_gate
+from sngr_utils.slam.solution import Solution
+from sngr_utils.sngr import window_posterior, windows
 
 LONG_WALKS = 400  # steps at which the evidence has no bias that we can measure in 27 dimensions
+# The sampler starts from N(estimate, c Sigma), Sigma the joint marginal of all that moves, and
+# divides it out again; c = 4 is twice as wide as the marginal posterior.
+PROPOSAL_SCALE = 4.0
 LAPLACE_DRAWS = 2000  # an effective thousand, where nested sampling at 100 live points has 500
 
 
-class CorrectedSettings(Checked):
-    """What replaces the paper's choices.
+@dataclass(frozen=True)
+class Corrected:
+    """The window's own posterior at the batch estimate, by importance sampling.
 
-    separators : what the window is joined to: held at the estimate, or integrated out
-    convergence : how the base estimate is settled, see `converge`
-    proposal_scale : the sampler starts from N(estimate, c Sigma), Sigma the joint marginal of
-        all that moves, and divides it out again; 4 is twice as wide as the marginal posterior
+    separators : what the window is joined to: held at the estimate ("conditional"), or
+        integrated out ("marginal")
     """
 
-    separators: Literal["conditional", "marginal"] = "marginal"
-    convergence: Literal["batch", "updates"] = "batch"
-    proposal_scale: Positive = 4.0
+    separators: Literal["conditional", "marginal"]
 
+    def settle(self, solution: Solution, covariances: np.ndarray) -> tuple[Solution, np.ndarray]:
+        """The batch estimate from that of iSAM2, and the (N, 9, 9) marginals of its windows."""
+        settled = converge(solution)
+        return settled, windows.covariances(settled)
 
-def refine_windows(
-    solution: Solution,
-    which: Iterable[int],
-    covariances: np.ndarray,
-    settings: CorrectedSettings,
-    sampler: SamplerSettings,
-    gate: NoiseGate,
-    engine: str = "laplace",
-    *,
-    rng: np.random.Generator,
-) -> list[refine.RefinedWindow]:
-    """As `refine.refine_windows`, for the corrected target; random streams likewise.
+    def targets(
+        self, solution: Solution, which: np.ndarray, covariances: np.ndarray
+    ) -> list[window_posterior.Target]:
+        """Of the windows that start at the poses `which`; `covariances` are those of all."""
+        pieces = window_posterior.expand(solution) if self.separators == "marginal" else None
+        return [
+            window_posterior.target(solution, t, covariances[t], self.separators, pieces)
+            for t in which
+        ]
 
-    Parameters
-    ----------
-    which : first poses of the windows to refine
-    covariances : (T-W+1, 9, 9) Sigma_w of all windows
-    sampler : its live points, walks and dlogz; prior and likelihood are those of the target
-    engine : "laplace", importance sampling about the Laplace Gaussian, or about all modes that
-        many starts find where that may not be trusted; or a compiled one of `settings.EngineChoice`
-    """
-    streams, scale = rng.spawn(len(covariances)), settings.proposal_scale
-    pieces = window_posterior.expand(solution) if settings.separators == "marginal" else None
-    refined = []
-    for t in which:
-        aim = window_posterior.target(solution, t, covariances[t], settings.separators, pieces)
-        run = sample_target(aim, scale, sampler, engine, rng=streams[t])
-        refined.append(judge(solution, int(t), aim, run, gate))
-    return refined
+    def sample(
+        self, target: window_posterior.Target, *, rng: np.random.Generator
+    ) -> weighted_samples.NestedRun:
+        """About the Laplace Gaussian, or about all modes where that may not be trusted."""
+        return sample_target(target, PROPOSAL_SCALE, SamplerSettings(), rng=rng)
 
 
 def sample_target(
@@ -104,81 +88,3 @@ def _many_modes(
         draw.samples, np.exp(draw.log_weights), draw.log_likelihoods, draw.log_evidence,
         draw.log_evidence_error, draw.calls, note=", ".join(draw.diagnostics.objections),
     )  # fmt: skip
-
-
-def judge(
-    solution: Solution,
-    t: int,
-    aim: window_posterior.Target,
-    run: weighted_samples.NestedRun,
-    gate: NoiseGate,
-) -> refine.RefinedWindow:
-    """The gate's decision on the mean of a target's samples; only the window's poses are kept."""
-    mean = run.mean
-    nothing = compiled.log_likelihood(aim.factors, np.zeros(len(mean)))
-    gain = float(compiled.log_likelihood(aim.factors, mean) - nothing)
-    slack = gate.slack(len(mean), run.ess_share * len(run.samples))
-    moved = [
-        solution.estimate.atPose2(X(t + i)).retract(mean[3 * i : 3 * i + 3])
-        for i in range(windows.WIDTH)
-    ]
-    return refine.RefinedWindow(t, gain, passes_gate(gain, slack), moved, run)
-
-
-@dataclass(frozen=True)
-class CorrectedRun:
-    """The corrected algorithm on one world.
-
-    Attributes
-    ----------
-    solution : the settled base estimate
-    windows : the refined windows
-    base_rmse, pose_rmse : of the settled estimate, and after accepted windows, [m]
-    base_nees, nees : likewise, with the covariances of the settled estimate
-    landmark_rmse : [m]
-    """
-
-    solution: Solution
-    windows: list[refine.RefinedWindow]
-    base_rmse: float
-    pose_rmse: float
-    base_nees: float
-    nees: float
-    landmark_rmse: float
-
-
-def run(
-    base: Baseline,
-    which: Iterable[int],
-    settings: CorrectedSettings,
-    sampler: SamplerSettings,
-    gate: NoiseGate,
-    engine: str = "laplace",
-    frame: str = "world",
-    *,
-    rng: np.random.Generator,
-) -> CorrectedRun:
-    """Settle the estimate, sample the windows, ask the gate, apply.
-
-    Parameters
-    ----------
-    which : windows to refine, e.g. those the paper's trigger fires on, so that both versions
-        look at the same ones
-    frame : of P in the NEES, see `conventions.Conventions`
-    """
-    solution = converge(base.solution, settings.convergence)
-    refined = refine_windows(
-        solution, which, windows.covariances(solution), settings, sampler, gate, engine, rng=rng
-    )
-    updated = refine.apply_updates(solution.estimate, refined)
-    truth, covariances = base.world.poses[:, :2], marginals.position_covariances(solution, frame)
-    before, after = solution.poses[:, :2], poses_of(updated, len(truth))[:, :2]
-    return CorrectedRun(
-        solution,
-        refined,
-        base_rmse=rmse_and_nees.rmse(before, truth),
-        pose_rmse=rmse_and_nees.rmse(after, truth),
-        base_nees=rmse_and_nees.nees(before - truth, covariances),
-        nees=rmse_and_nees.nees(after - truth, covariances),
-        landmark_rmse=rmse_and_nees.rmse(solution.landmarks, base.world.landmarks),
-    )

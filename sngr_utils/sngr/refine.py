@@ -1,15 +1,17 @@
-"""SNGR, the paper's algorithm: trigger, closure, nested sampling, mean, gate, apply."""
+"""A window refined: what the paper samples, the mean, the gate, and how updates are applied."""
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X
 
-from sngr_utils.sampling import engines, weighted_samples
+from sngr_utils.sampling import engines
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.targets.likelihood import LocalLikelihood
+from sngr_utils.sampling.weighted_samples import NestedRun
 from sngr_utils.slam.solution import Solution
 from sngr_utils.sngr import closure, windows
 from sngr_utils.sngr.gate import Gate, passes_gate
@@ -32,7 +34,7 @@ class RefinedWindow:
     delta_logp: float
     accepted: bool
     poses: list[gtsam.Pose2]
-    run: weighted_samples.NestedRun
+    run: NestedRun
 
 
 def window_likelihood(solution: Solution, t: int, factor: float) -> LocalLikelihood:
@@ -47,47 +49,62 @@ def window_likelihood(solution: Solution, t: int, factor: float) -> LocalLikelih
     return LocalLikelihood(factors, solution.estimate, keys, factor)
 
 
-def refine_windows(
-    solution: Solution,
-    which: Iterable[int],
-    covariances: np.ndarray,
-    settings: SamplerSettings,
-    gate: Gate,
-    engine: str = "dynesty",
-    *,
-    rng: np.random.Generator,
-) -> list[RefinedWindow]:
-    """Sample windows, take the weighted means, ask the gate (paper, Algorithm 1).
+class PaperTarget(NamedTuple):
+    """The paper's log density of a window, and the (9, 9) marginal covariance Sigma_w."""
 
-    All start from the same iSAM2 estimate. Every window of the trajectory has a random stream
-    of its own, so a window's result does not depend on which others are refined, on their
-    order, or on how many are sampled at a time (``joblib.parallel_config(n_jobs=...)``).
+    log_density: LocalLikelihood
+    covariance: np.ndarray
 
-    Parameters
-    ----------
-    which : first poses of the windows to refine
-    covariances : (T-W+1, 9, 9) Sigma_w of all windows
+
+@dataclass(frozen=True)
+class Paper:
+    """The paper's sampling: the local likelihood under N(MAP, c Sigma_w), at iSAM2's estimate.
+
     engine : see `settings.EngineChoice`
     """
-    streams, which = rng.spawn(len(covariances)), np.array(list(which), dtype=int)
-    likelihoods = [window_likelihood(solution, t, settings.likelihood_factor) for t in which]
-    runs = engines.sample_windows(
-        likelihoods, covariances[which], settings, engine, rngs=[streams[t] for t in which]
-    )
-    return [
-        judge(int(t), likelihood, run, gate)
-        for t, likelihood, run in zip(which, likelihoods, runs, strict=True)
-    ]
+
+    sampler: SamplerSettings
+    engine: str
+
+    def settle(self, solution: Solution, covariances: np.ndarray) -> tuple[Solution, np.ndarray]:
+        """As they are."""
+        return solution, covariances
+
+    def targets(
+        self, solution: Solution, which: np.ndarray, covariances: np.ndarray
+    ) -> list[PaperTarget]:
+        """Of the windows that start at the poses `which`; `covariances` are those of all."""
+        factor = self.sampler.likelihood_factor
+        return [PaperTarget(window_likelihood(solution, t, factor), covariances[t]) for t in which]
+
+    def sample(self, target: PaperTarget, *, rng: np.random.Generator) -> NestedRun:
+        """Nested sampling of one of them."""
+        return engines.sample_window(*target, self.sampler, self.engine, rng=rng)
 
 
 def judge(
-    t: int, likelihood: LocalLikelihood, run: weighted_samples.NestedRun, gate: Gate
+    solution: Solution,
+    t: int,
+    log_density: Callable[[np.ndarray], float],
+    run: NestedRun,
+    gate: Gate,
 ) -> RefinedWindow:
-    """The gate's decision on the mean of a window's samples (paper eq. "gate")."""
+    """The gate's decision on the mean of a window's samples (paper eq. "gate").
+
+    Of what moves along with the window's poses nothing is kept.
+
+    Parameters
+    ----------
+    log_density : of the (d,) offset from the estimate, the window's poses first, [nats]
+    """
     mean = run.mean
-    delta_logp = likelihood(mean) - likelihood(np.zeros(likelihood.dimension))
-    accepted = passes_gate(delta_logp, gate.gate_tolerance)
-    return RefinedWindow(t, delta_logp, accepted, likelihood.variables(mean), run)
+    gain = float(log_density(mean) - log_density(np.zeros(len(mean))))
+    slack = gate.slack(len(mean), run.ess_share * len(run.samples))
+    moved = [
+        solution.estimate.atPose2(key).retract(mean[3 * i : 3 * i + 3])
+        for i, key in enumerate(windows.window_keys(t))
+    ]
+    return RefinedWindow(t, gain, passes_gate(gain, slack), moved, run)
 
 
 def apply_updates(estimate: gtsam.Values, refined: list[RefinedWindow]) -> gtsam.Values:

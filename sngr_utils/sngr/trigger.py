@@ -40,3 +40,10 @@ def triggers(window_scores: np.ndarray, tau: float) -> np.ndarray:
     """
     eligible = np.arange(len(window_scores)) >= FIRST_ELIGIBLE
     return (window_scores > tau) & eligible
+
+
+def regardless(window_scores: np.ndarray, which: int | list[int] | slice) -> np.ndarray:
+    """(N,) bool: the windows `which`, whatever their scores."""
+    fires = np.zeros(len(window_scores), dtype=bool)
+    fires[which] = True
+    return fires

@@ -4,7 +4,6 @@ A density in the tangent xi: with everything outside the window held at the esti
 ("conditional"), or with the rest of the graph integrated out ("marginal").
 """
 
-import math
 from dataclasses import dataclass
 
 import gtsam
@@ -42,6 +41,10 @@ class Target:
     factors: compiled.Factors
     covariance: np.ndarray
 
+    def log_density(self, xi: np.ndarray) -> float:
+        """At a (d,) tangent vector, up to a constant, [nats]."""
+        return compiled.log_likelihood(self.factors, xi)
+
     def corrected(self, scale: float) -> compiled.Factors:
         """The target divided by N(0, scale * covariance), up to a constant: for a sampler that
         has it for a prior.
@@ -53,11 +56,6 @@ class Target:
         own, d = self.factors.quadratic, len(self.covariance)
         own = own if len(own) else np.zeros((d, d))
         return self.factors._replace(quadratic=own - np.linalg.inv(scale * self.covariance))
-
-    def log_normaliser(self, scale: float) -> float:
-        """What a sampler's log evidence lacks of the log integral of the target, [nats]."""
-        d = len(self.covariance)
-        return 0.5 * (d * math.log(2 * math.pi * scale) + np.linalg.slogdet(self.covariance)[1])
 
 
 def conditional_target(

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from functools import partial
 
 import joblib
 import numpy as np
@@ -11,8 +12,7 @@ from sngr_utils.robust import fastslam, losses
 from sngr_utils.sampling import engines
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.slam import conventions, isam2
-from sngr_utils.slam.solution import poses_of
-from sngr_utils.sngr import gate, refine, trigger, windows
+from sngr_utils.sngr import algorithm, gate, refine, trigger
 from sngr_utils.world import dead_reckoning, scenario, simulation, variations
 
 C = conventions.PRESETS["C"]
@@ -92,15 +92,11 @@ def test_sngr_is_that_of_the_other_notebooks():
     found = estimators.estimate(drawn, C, "sngr", "grid", rng=np.random.default_rng([104, 1]))
     rmse = rmse_and_nees.rmse(found.poses[:, :2], drawn.poses[:, :2])
     solution = isam2.run_isam2(drawn, C)
-    blocks = windows.covariances(solution)
-    fired = trigger.triggers(trigger.score(blocks), estimators.TAU)
-    settings = SamplerSettings(min_walks=engines.ENOUGH_WALKS)
+    sampling = refine.Paper(SamplerSettings(min_walks=engines.ENOUGH_WALKS), "nested")
+    fires = partial(trigger.triggers, tau=estimators.TAU)
     others = []
     for stream in np.random.default_rng(104).spawn(6):
-        refined = refine.refine_windows(
-            solution, np.flatnonzero(fired), blocks, settings, gate.Gate(), "nested", rng=stream
-        )
-        poses = poses_of(refine.apply_updates(solution.estimate, refined), drawn.n_poses)
+        poses = algorithm.run(drawn, C, fires, sampling, gate.Gate(), rng=stream).poses
         others.append(rmse_and_nees.rmse(poses[:, :2], drawn.poses[:, :2]))
     error = np.std(others, ddof=1) * np.sqrt(1 + 1 / 6)
     assert abs(rmse - np.mean(others)) < 5 * error < 1e-2

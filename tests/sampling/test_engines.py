@@ -1,6 +1,5 @@
 """Every engine against a closed form, dynesty's law, and GTSAM's likelihood."""
 
-import joblib
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L
@@ -183,48 +182,6 @@ def test_walk_of_dynesty_moves_only_below_the_limit(noisy):
     again = [likelihood(xi) for xi in run.samples[::7]]
     assert np.allclose(run.log_likelihoods[::7], again, rtol=1e-10)
     assert np.all(np.diff(run.log_likelihoods) >= 0)
-
-
-@pytest.mark.parametrize("engine", ["dynesty", *COMPILED])
-def test_windows_in_parallel_are_those_in_sequence(noisy, engine):
-    """Serial, threads, processes, reversed: bit by bit the same."""
-    settings = SamplerSettings(n_live=20, dlogz=20.0)
-    chosen = [5, 12]
-    likelihoods = [refine.window_likelihood(noisy.solution, t, 0.5) for t in chosen]
-    covariances = noisy.covariances[chosen]
-
-    def sampled(order=slice(None), **config):
-        streams = np.random.default_rng(0).spawn(2)
-        with joblib.parallel_config(**config):
-            runs = engines.sample_windows(
-                likelihoods[order], covariances[order], settings, engine, rngs=streams[order]
-            )
-        return [run.samples for run in runs]
-
-    serial = sampled(n_jobs=1)
-    threads = sampled(backend="threading", n_jobs=2)
-    processes = sampled(backend="loky", n_jobs=2)
-    backwards = sampled(order=slice(None, None, -1), n_jobs=1)[::-1]
-    for others in (threads, processes, backwards):
-        assert all(np.array_equal(a, b) for a, b in zip(serial, others, strict=True))
-
-
-def test_windows_on_a_dask_cluster_are_those_in_sequence(noisy):
-    distributed = pytest.importorskip("distributed")
-    likelihoods = [refine.window_likelihood(noisy.solution, t, 0.5) for t in (5, 12)]
-
-    def sampled():
-        runs = engines.sample_windows(
-            likelihoods, noisy.covariances[[5, 12]], LONG, "nested",
-            rngs=np.random.default_rng(0).spawn(2),
-        )  # fmt: skip
-        return [run.samples for run in runs]
-
-    serial = sampled()
-    local = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
-    with distributed.Client(processes=False, **local), joblib.parallel_config(backend="dask"):
-        there = sampled()
-    assert all(np.array_equal(a, b) for a, b in zip(serial, there, strict=True))
 
 
 def test_engine_is_checked_before_any_work(noisy):

@@ -1,11 +1,17 @@
+from functools import partial
+
 import gtsam
+import joblib
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
 from scipy import stats
 
-from sngr_utils.sampling.settings import SamplerSettings
-from sngr_utils.sngr import gate, noop_baseline, refine
+from sngr_utils.sampling import engines
+from sngr_utils.sampling.settings import ENGINES, SamplerSettings
+from sngr_utils.slam.conventions import PRESETS
+from sngr_utils.slam.solution import poses_of
+from sngr_utils.sngr import algorithm, gate, noop_baseline, refine, trigger
 
 FAST = SamplerSettings(n_live=30, dlogz=2.0)
 
@@ -34,25 +40,51 @@ def test_updates_are_applied_together_and_later_windows_win(clean):
         assert updated.atPose2(X(t)).equals(estimate.atPose2(X(t)), 0)
 
 
-def test_a_window_does_not_depend_on_the_others_or_on_their_order(noisy):
-    def refined(which):
-        windows = refine.refine_windows(
-            noisy.solution, which, noisy.covariances, FAST, gate.Gate(),
-            rng=np.random.default_rng(0),
-        )  # fmt: skip
-        return {w.t: w.run.mean for w in windows}
+def refined(base, which, sampler=FAST, engine="dynesty"):
+    """The windows `which` of the baseline, refined."""
+    fires = partial(trigger.regardless, which=which)
+    return algorithm.run(
+        base.world, PRESETS["B"], fires, refine.Paper(sampler, engine), gate.Gate(), base,
+        rng=np.random.default_rng(0),
+    ).windows  # fmt: skip
 
-    alone, both, reversed_order = refined([12]), refined([12, 14]), refined([14, 12])
-    assert np.array_equal(alone[12], both[12])
-    assert np.array_equal(both[14], reversed_order[14])
-    assert np.array_equal(both[12], reversed_order[12])
+
+def test_a_window_does_not_depend_on_the_others(noisy):
+    alone, both = refined(noisy, [12]), refined(noisy, [12, 14])
+    assert [w.t for w in both] == [12, 14]
+    assert np.array_equal(alone[0].run.mean, both[0].run.mean)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_windows_in_parallel_are_those_in_sequence(noisy, engine):
+    """Serial, threads, processes: bit by bit the same."""
+
+    def sampled(**config):
+        with joblib.parallel_config(**config):
+            windows = refined(noisy, [5, 12], SamplerSettings(n_live=20, dlogz=20.0), engine)
+        return [window.run.samples for window in windows]
+
+    serial = sampled(n_jobs=1)
+    for backend in ("threading", "loky"):
+        others = sampled(backend=backend, n_jobs=2)
+        assert all(np.array_equal(a, b) for a, b in zip(serial, others, strict=True))
+
+
+def test_windows_on_a_dask_cluster_are_those_in_sequence(noisy):
+    distributed = pytest.importorskip("distributed")
+
+    def sampled():
+        return [window.run.samples for window in refined(noisy, [5, 12], FAST, "nested")]
+
+    serial = sampled()
+    local = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+    with distributed.Client(processes=False, **local), joblib.parallel_config(backend="dask"):
+        there = sampled()
+    assert all(np.array_equal(a, b) for a, b in zip(serial, there, strict=True))
 
 
 def test_refined_window_is_what_it_says(noisy):
-    (result,) = refine.refine_windows(
-        noisy.solution, [12], noisy.covariances, FAST, gate.Gate(),
-        rng=np.random.default_rng(0),
-    )  # fmt: skip
+    (result,) = refined(noisy, [12])
     likelihood = refine.window_likelihood(noisy.solution, 12, FAST.likelihood_factor)
     gain = likelihood(result.run.mean) - likelihood(np.zeros(9))
     assert result.delta_logp == pytest.approx(gain)
@@ -98,3 +130,25 @@ def test_noop_weights_of_the_proposal_itself_are_zero():
 def test_bad_gate_names_the_parameter():
     with pytest.raises(ValueError, match="gate_tolerance"):
         gate.Gate(gate_tolerance=-1.0)
+
+
+def test_algorithm_1_step_by_step(noisy):
+    """The whole of it against its steps, from the world alone and from iSAM2's run at hand."""
+    tau, conventions = np.sort(noisy.scores)[-3], PRESETS["B"]
+    arguments = partial(trigger.triggers, tau=tau), refine.Paper(FAST, "nested"), gate.Gate()
+    whole, at_hand = (
+        algorithm.run(noisy.world, conventions, *arguments, base, rng=np.random.default_rng(3))
+        for base in (None, noisy)
+    )
+    fired = np.flatnonzero(noisy.fired(tau))
+    assert [w.t for w in whole.windows] == [w.t for w in at_hand.windows] == fired.tolist() != []
+    streams = np.random.default_rng(3).spawn(len(noisy.scores))
+    for t, window in zip(fired, whole.windows, strict=True):
+        likelihood = refine.window_likelihood(noisy.solution, t, FAST.likelihood_factor)
+        run = engines.sample_window(
+            likelihood, noisy.covariances[t], FAST, "nested", rng=streams[t]
+        )
+        assert np.array_equal(window.run.samples, run.samples)
+    updated = refine.apply_updates(noisy.solution.estimate, whole.windows)
+    assert np.array_equal(whole.poses, poses_of(updated, noisy.world.n_poses))
+    assert np.array_equal(whole.poses, at_hand.poses)
