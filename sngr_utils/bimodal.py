@@ -1,122 +1,34 @@
-"""Driver of notebook 01: a landmark seen from two anchors has two places to be."""
+"""What notebook 01 runs: a landmark seen from two anchors has two places to be.
+
+A helper's `Config` is read to check parameters before anything runs. So what is slow to load is
+imported by the functions that need it.
+"""
+
+from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import gtsam
 import numpy as np
-from dynesty.results import Results
-from dynesty.utils import resample_run
-from gtsam.symbol_shorthand import A, L
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from sngr_utils.metrics import bimodality, standard_error
-from sngr_utils.sampling import dynesty_nested, prior_transform, settings, weighted_samples
-from sngr_utils.sampling.targets.likelihood import LocalLikelihood
+from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.settings import Positive, Seed
+from sngr_utils.world.two_anchors import TwoAnchors
 
-ANCHOR_SIGMA = 1e-6  # m: the anchors are known
-ANCHORS, LANDMARK = (A(0), A(1)), L(0)
+if TYPE_CHECKING:
+    from dynesty.results import Results
+
+    from sngr_utils.sampling.weighted_samples import NestedRun
 
 
-class Config(settings.SamplerSettings):
-    """Parameters of the bimodal experiment, in m; the defaults are the paper's values.
+class Config(TwoAnchors, SamplerSettings):
+    """Parameters of the bimodal experiment; the defaults are the paper's values."""
 
-    The paper prints neither range_sigma nor landmark_prior_sigma. 0.2 m is what its
-    log-likelihood at the saddle follows from, 10 m what its gain follows from.
-    """
-
-    anchor_distance: Positive = 4.0
-    measured_range: Positive = 3.0
-    range_sigma: Positive = 0.2
-    landmark_prior_sigma: Positive = 10.0
     prior_scale: Positive = 50.0
     n_repeats: Annotated[int, Field(ge=2)] = 20
     seed: Seed = 0
-
-    @model_validator(mode="after")
-    def _circles_cross(self):
-        if self.measured_range <= self.anchor_distance / 2:
-            raise ValueError(
-                f"measured_range is {self.measured_range}: it must exceed half of "
-                f"anchor_distance ({self.anchor_distance}), or the two circles do not cross"
-            )
-        return self
-
-    @property
-    def anchors(self) -> np.ndarray:
-        """(2, 2) anchor positions, [m]"""
-        return np.array([[0.0, 0.0], [self.anchor_distance, 0.0]])
-
-    @property
-    def saddle(self) -> np.ndarray:
-        """(2,) the point midway between the anchors, where the landmark is started, [m]"""
-        return self.anchors.mean(axis=0)
-
-    @property
-    def modes(self) -> np.ndarray:
-        """(2, 2) where the circles cross, y > 0 first, [m]"""
-        height = np.sqrt(self.measured_range**2 - (self.anchor_distance / 2) ** 2)
-        return self.saddle + np.array([[0.0, height], [0.0, -height]])
-
-
-def build_graph(config: Config) -> gtsam.NonlinearFactorGraph:
-    """Two known anchors, two ranges, and a weak prior on the landmark at the saddle."""
-    graph = gtsam.NonlinearFactorGraph()
-    range_noise = gtsam.noiseModel.Isotropic.Sigma(1, config.range_sigma)
-    known = gtsam.noiseModel.Isotropic.Sigma(2, ANCHOR_SIGMA)
-    weak = gtsam.noiseModel.Isotropic.Sigma(2, config.landmark_prior_sigma)
-    for key, position in zip(ANCHORS, config.anchors, strict=True):
-        graph.push_back(gtsam.PriorFactorPoint2(key, position, known))
-        graph.push_back(gtsam.RangeFactor2(key, LANDMARK, config.measured_range, range_noise))
-    graph.push_back(gtsam.PriorFactorPoint2(LANDMARK, config.saddle, weak))
-    return graph
-
-
-def run_isam2(config: Config, at: np.ndarray, updates: int = 10) -> gtsam.Values:
-    """iSAM2 with the landmark started `at` a point, and extra updates to move if it can."""
-    start = gtsam.Values()
-    for key, position in zip(ANCHORS, config.anchors, strict=True):
-        start.insert(key, position)
-    start.insert(LANDMARK, at)
-    params = gtsam.ISAM2Params()
-    params.setRelinearizeThreshold(1e-6)
-    params.relinearizeSkip = 1
-    isam = gtsam.ISAM2(params)
-    isam.update(build_graph(config), start)
-    for _ in range(updates):
-        isam.update()
-    return isam.calculateEstimate()
-
-
-def log_likelihood(config: Config, estimate: gtsam.Values) -> LocalLikelihood:
-    """Local log-likelihood of the landmark (paper eq. "ll"), as a function of its offset."""
-    factors = build_graph(config)
-    return LocalLikelihood(factors, estimate, [LANDMARK], config.likelihood_factor)
-
-
-def gauss_newton_hessian(config: Config, at: np.ndarray) -> np.ndarray:
-    """(2, 2) J^T J of the landmark's factors: what iSAM2 sees. Ranges only see along the ray."""
-    offset = at - config.anchors
-    rays = offset / np.linalg.norm(offset, axis=1, keepdims=True)
-    ranges = rays.T @ rays / config.range_sigma**2
-    return ranges + np.eye(2) / config.landmark_prior_sigma**2
-
-
-def full_hessian(config: Config, at: np.ndarray) -> np.ndarray:
-    """(2, 2) true second derivative of the negative log posterior at a point.
-
-    Adds to `gauss_newton_hessian` the curvature of the circles,
-    (rho - z) / (rho sigma^2) (I - n n^T), n the ray and rho the distance; negative inside a
-    circle.
-    """
-    hessian = gauss_newton_hessian(config, at)
-    for offset in at - config.anchors:
-        distance = np.linalg.norm(offset)
-        ray = offset / distance
-        curvature = (distance - config.measured_range) / (distance * config.range_sigma**2)
-        hessian += curvature * (np.eye(2) - np.outer(ray, ray))
-    return hessian
 
 
 @dataclass(frozen=True)
@@ -142,14 +54,14 @@ class Result:
     loglik_map: float
     loglik_best: float
     covariance: np.ndarray
-    runs: list[weighted_samples.NestedRun]
+    runs: list[NestedRun]
     samples: np.ndarray
     weights: np.ndarray
     upper_masses: np.ndarray
     resampled_error: float
 
     @property
-    def run(self) -> weighted_samples.NestedRun:
+    def run(self) -> NestedRun:
         """The first of the repeated runs, which the figures show."""
         return self.runs[0]
 
@@ -183,13 +95,20 @@ class Result:
 
 def run(config: Config, at: np.ndarray | None = None) -> Result:
     """iSAM2 from the saddle (or `at` (2,)), then repeated nested sampling under N(MAP, c Sigma)."""
-    estimate = run_isam2(config, config.saddle if at is None else at)
-    likelihood = log_likelihood(config, estimate)
-    covariance = gtsam.Marginals(build_graph(config), estimate).marginalCovariance(LANDMARK)
-    transform = prior_transform.prior_transform(covariance, config.prior_scale)
+    import gtsam
+
+    from sngr_utils.sampling.dynesty_nested import run_nested
+    from sngr_utils.sampling.prior_transform import prior_transform
+    from sngr_utils.sampling.targets import two_anchors
+
+    estimate = two_anchors.run_isam2(config, config.saddle if at is None else at)
+    likelihood = two_anchors.log_likelihood(config, estimate, config.likelihood_factor)
+    marginals = gtsam.Marginals(two_anchors.build_graph(config), estimate)
+    covariance = marginals.marginalCovariance(two_anchors.LANDMARK)
+    transform = prior_transform(covariance, config.prior_scale)
     *streams, resample_rng = np.random.default_rng(config.seed).spawn(config.n_repeats + 1)
-    runs = [dynesty_nested.run_nested(likelihood, transform, 2, config, rng=rng) for rng in streams]
-    first, position = runs[0], estimate.atPoint2(LANDMARK)
+    runs = [run_nested(likelihood, transform, 2, config, rng=rng) for rng in streams]
+    first, position = runs[0], estimate.atPoint2(two_anchors.LANDMARK)
     height = float(position[1])
     return Result(
         config=config,
@@ -212,7 +131,7 @@ def upper_mass(results: Results, height: float) -> float:
 
 
 def resampled_mass_error(
-    run: weighted_samples.NestedRun, height: float, n: int = 50, *, rng: np.random.Generator
+    run: NestedRun, height: float, n: int = 50, *, rng: np.random.Generator
 ) -> float:
     """Standard error of `upper_mass` by resampling the strands of one run.
 
@@ -222,28 +141,10 @@ def resampled_mass_error(
 
     Source: Higson et al., Bayesian Analysis 13 (2018) 873; `dynesty.utils.resample_run`.
     """
+    from dynesty.utils import resample_run
+
     masses = [upper_mass(resample_run(run.results, rstate=rng), height) for _ in range(n)]
     return float(np.std(masses, ddof=1))
-
-
-def repeated(result: Result) -> dict[str, tuple[list[float], str]]:
-    """What a run reports, for each of the repeated runs: name -> ((n_repeats,) values, unit)."""
-    bests = [result.map + run.best for run in result.runs]
-    loglik = [float(run.log_likelihoods.max()) for run in result.runs]
-    heights = [result.map[1] + run.samples[:, 1] for run in result.runs]
-    return {
-        "best_x": ([float(best[0]) for best in bests], "m"),
-        "best_abs_y": ([abs(float(best[1])) for best in bests], "m"),
-        "best_distance": ([result.mode_distance(best) for best in bests], "m"),
-        "loglik_best": (loglik, "nats"),
-        "gains": ([value - result.loglik_map for value in loglik], "nats"),
-        "sigmas_y": ([float(np.sqrt(run.covariance[1, 1])) for run in result.runs], "m"),
-        "bimodalities": (
-            [bimodality.bimodality_coefficient(y, run.weights)
-             for y, run in zip(heights, result.runs, strict=True)], "",
-        ),
-        "upper_masses": (list(map(float, result.upper_masses)), ""),
-    }  # fmt: skip
 
 
 def mode_width(result: Result) -> float:

@@ -1,45 +1,45 @@
-"""Driver of notebook 02: what the condition number sees as wrong associations grow."""
+"""What notebook 02 runs: what the condition number sees as wrong associations grow.
+
+A helper's `Config` is read to check parameters before anything runs. So what is slow to load is
+imported by the functions that need it.
+"""
+
+from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from sngr_utils.settings import Positive, Probability, Seed
-from sngr_utils.slam.conventions import PRESETS, preset_conventions
-from sngr_utils.sngr import trigger
-from sngr_utils.sngr.baseline import Baseline, run_baseline
+from sngr_utils.settings import Distinct, Levels, Positive, Probability, Seed
+from sngr_utils.slam.conventions import PRESETS, OpenConventions
 from sngr_utils.world.scenario import Scenario
 
+if TYPE_CHECKING:
+    from sngr_utils.sngr.baseline import Baseline
 
-class Config(Scenario):
+
+class Config(Scenario, OpenConventions):
     """Parameters of the sweep; the defaults are the paper's values where it states them.
 
     p_levels : wrong-association probabilities; must hold p_clean and p_noisy
     seeds : worlds of the mean and standard deviation; the first is the single-world column
     tau : threshold of the tables; tau_grid : thresholds of the sensitivity table
-    preset, conventions : see `conventions.preset_conventions`
     """
 
-    p_levels: Annotated[list[Probability], Field(min_length=1)] = [0.0, 0.1, 0.2, 0.3, 0.4]
+    p_levels: Levels = [0.0, 0.1, 0.2, 0.3, 0.4]
     p_clean: Probability = 0.0
     p_noisy: Probability = 0.3
-    seeds: Annotated[list[Seed], Field(min_length=1)] = [0, 1, 2, 3, 4]
+    seeds: Annotated[list[Seed], Field(min_length=1), Distinct] = [0, 1, 2, 3, 4]
     tau: Positive = 3.96
     tau_grid: Annotated[list[Positive], Field(min_length=1)] = [3.90, 3.92, 3.96, 4.0]
-    preset: str = "B"
-    conventions: dict = {}
 
     @model_validator(mode="after")
-    def _consistent(self):
-        preset_conventions(self.preset, self.conventions)
+    def _levels_are_run(self):
         for name in ("p_clean", "p_noisy"):
             if getattr(self, name) not in self.p_levels:
                 raise ValueError(f"{name} is {getattr(self, name)}: it must be one of p_levels")
-        for name in ("p_levels", "seeds"):
-            if len(set(getattr(self, name))) < len(getattr(self, name)):
-                raise ValueError(f"{name} is {getattr(self, name)}: it must not repeat a value")
         return self
 
 
@@ -61,12 +61,13 @@ class Sweep:
 
 def run(config: Config) -> Sweep:
     """iSAM2 on every world of the sweep."""
-    conventions = preset_conventions(config.preset, config.conventions)
+    from sngr_utils.sngr.baseline import run_baseline
+
     scenario = config.part(Scenario)
     return Sweep(
         config,
         {
-            (p, seed): run_baseline(scenario, conventions, p, seed)
+            (p, seed): run_baseline(scenario, config.chosen, p, seed)
             for p in config.p_levels
             for seed in config.seeds
         },
@@ -119,4 +120,6 @@ def pooled_scores(sweep: Sweep, p: float) -> np.ndarray:
 
 def score_in_units(covariance: np.ndarray, per_metre: float) -> float:
     """Score of a (9, 9) covariance with positions in another unit, `per_metre` to the metre."""
+    from sngr_utils.sngr import trigger
+
     return trigger.score(trigger.in_units(covariance, per_metre))

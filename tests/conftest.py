@@ -1,9 +1,11 @@
 """Shared fixtures. What concerns the notebooks is in the conftest.py of the folder above."""
 
 import joblib
+import matplotlib.pyplot as plt
 import pytest
 
 from sngr_utils import trigger_sweep
+from sngr_utils.show import style
 from sngr_utils.slam import conventions
 from sngr_utils.sngr import baseline
 from sngr_utils.world import scenario
@@ -19,6 +21,14 @@ def clean() -> baseline.Baseline:
 def paper_sweep() -> trigger_sweep.Sweep:
     """Notebook 02's sweep with the paper's parameters."""
     return trigger_sweep.run(trigger_sweep.Config())
+
+
+@pytest.fixture
+def house_style():
+    """Figures in the project's look, closed afterwards."""
+    style.use_style()
+    yield
+    plt.close("all")
 
 
 @pytest.fixture

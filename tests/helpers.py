@@ -9,6 +9,7 @@ import nbformat
 import numpy as np
 
 from sngr_utils import paths
+from sngr_utils.publish import parameters
 from sngr_utils.sampling.targets import ambiguous_window, landmark
 from sngr_utils.slam import conventions
 from sngr_utils.world import simulation, variations
@@ -30,6 +31,12 @@ def anchors(distance=4.0, measured=3.0, sigma=0.2):
         positions, np.zeros((4, 4)), np.array([measured, measured]), sigma, positions.mean(axis=0),
         10.0,
     )  # fmt: skip
+
+
+def quick_config(name):
+    """The parameters with which a notebook is tried out."""
+    values = parameters.read_params(name, paths.PARAMS / "quick")
+    return parameters.driver_of(name).Config(**values)
 
 
 def a_world(seed=100):

@@ -3,44 +3,22 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Annotated, TypeVar
+from typing import TypeVar
 
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L
-from pydantic import Field
 
+from sngr_utils.experiments.bench import CLOSURE_LOOP, WINDOW_LOOP, BenchSettings, Performance
 from sngr_utils.sampling import engines, importance, weighted_samples
 from sngr_utils.sampling.settings import FastSettings, SamplerSettings
 from sngr_utils.sampling.targets import compiled
 from sngr_utils.sampling.targets.likelihood import LocalLikelihood
-from sngr_utils.settings import Checked, Probability
 from sngr_utils.sngr import refine, trigger
 from sngr_utils.sngr.baseline import Baseline
+from sngr_utils.world.two_anchors import TwoAnchors
 
 T = TypeVar("T")
-
-
-class BenchSettings(Checked):
-    """What the engines are compared on, and how often.
-
-    bench_p : wrong-association probability of the world
-
-    bench_windows : windows of it, spread evenly
-    bench_runs : runs of dynesty with a compiled walk, over all windows; the compiled samplers run
-        ten times as many, dynesty with GTSAM's factors or short walks a third, the loop over the
-        closure a ninth
-    reference_draws : importance samples behind each window's reference evidence and mean
-    lengths : numbers of poses at which the growth is measured
-    """
-
-    bench_p: Probability = 0.2
-    bench_windows: Annotated[int, Field(ge=1)] = 4
-    bench_runs: Annotated[int, Field(ge=2)] = 36
-    reference_draws: Annotated[int, Field(ge=1000)] = 100_000
-    lengths: Annotated[list[Annotated[int, Field(ge=3)]], Field(min_length=2)] = [
-        30, 100, 300, 1000, 3000, 10_000, 30_000,
-    ]  # fmt: skip
 
 
 class FactorLoop:
@@ -74,33 +52,6 @@ class Contender:
     sample: Callable[..., weighted_samples.NestedRun]
     repeats: int = 1
     every: int = 1
-
-
-@dataclass(frozen=True)
-class Performance:
-    """What the runs of one contender came to. R runs over the bench's windows.
-
-    Attributes
-    ----------
-    seconds : (R,) CPU time of each run
-    calls : (R,) likelihood calls
-    errors : (R,) log Z less the reference, [nats]
-    mean_errors : (R,) root mean square error of the mean, in posterior standard deviations
-    variance_ratios : (R,) geometric mean of the variances over the reference's
-    ess : (R,) effective samples
-    """
-
-    seconds: np.ndarray
-    calls: np.ndarray
-    errors: np.ndarray
-    mean_errors: np.ndarray
-    variance_ratios: np.ndarray
-    ess: np.ndarray
-
-
-# The sampler of the paper with GTSAM's factors one by one in a Python loop: all of the closure,
-# as the paper describes it, and those that touch the window. Ratios are to the second.
-CLOSURE_LOOP, WINDOW_LOOP = "dynesty, loop over the closure", "dynesty, loop over the window"
 
 
 @dataclass(frozen=True)
@@ -236,11 +187,6 @@ def _one_run(
     )
 
 
-def ratio(performances: dict[str, Performance], name: str) -> float:
-    """How many times faster than the loop over the window's factors."""
-    return float(performances[WINDOW_LOOP].seconds.mean() / performances[name].seconds.mean())
-
-
 def likelihood_seconds(base: Baseline, t: int, factor: float, calls: int) -> float:
     """CPU time of one compiled likelihood of window t, in a batch of `calls`, [s]."""
     likelihood = refine.window_likelihood(base.solution, t, factor)
@@ -250,21 +196,35 @@ def likelihood_seconds(base: Baseline, t: int, factor: float, calls: int) -> flo
     return min(timed(lambda: compiled.log_likelihoods(factors, xis))[1] for _ in range(5)) / calls
 
 
-def two_mode_runs(
+def two_modes(
+    runs: int = 40, *, rng: np.random.Generator
+) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """The fast path on two equal modes, from one start and from many: starts -> two (runs,).
+
+    Mass of the upper mode, and whether k-hat finds nothing to object to.
+    """
+    found = {}
+    for n_starts in (1, FastSettings().n_starts):
+        masses, k_hats = _two_mode_runs(n_starts, runs, rng=rng)
+        found[n_starts] = masses, k_hats <= importance.MAX_K_HAT
+    return found
+
+
+def _two_mode_runs(
     n_starts: int, runs: int, *, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mass of the upper of two equal modes by importance sampling, and k-hat, each (runs,).
 
-    A landmark seen from two anchors 4 m apart at 3 m from both, as in notebook 01, likelihood
-    factor 1, prior N(., 50 I); started 0.5 m off the axis of symmetry, where the gradient is not
-    zero.
+    The landmark of notebook 01 with no prior of its own, likelihood factor 1, sampled under
+    N(., 50 I); started 0.5 m off the axis of symmetry, where the gradient is not zero.
     """
-    sigma = gtsam.noiseModel.Isotropic.Sigma(1, 0.2)
+    scene = TwoAnchors()
+    sigma = gtsam.noiseModel.Isotropic.Sigma(1, scene.range_sigma)
     factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    values.insert(L(0), np.array([2.0, 0.5]))
-    for k, x in ((1, 0.0), (2, 4.0)):
-        values.insert(L(k), np.array([x, 0.0]))
-        factors.push_back(gtsam.RangeFactor2(L(k), L(0), 3.0, sigma))
+    values.insert(L(0), scene.saddle + np.array([0.0, 0.5]))
+    for k, anchor in enumerate(scene.anchors, start=1):
+        values.insert(L(k), anchor)
+        factors.push_back(gtsam.RangeFactor2(L(k), L(0), scene.measured_range, sigma))
     flat = compiled.flatten(factors, values, [L(0)], 1.0)
     settings = FastSettings(n_starts=n_starts)
     masses, k_hats = np.empty(runs), np.empty(runs)

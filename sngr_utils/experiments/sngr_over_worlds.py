@@ -10,11 +10,11 @@ import pandas as pd
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.sampling import engines
 from sngr_utils.sampling.settings import SamplerSettings
-from sngr_utils.slam import marginals
 from sngr_utils.slam.conventions import Conventions
-from sngr_utils.sngr import algorithm, corrected, gate, noop_baseline, refine, trigger
+from sngr_utils.sngr import corrected, gate, noop_baseline, refine, trigger
 from sngr_utils.sngr.baseline import Baseline, run_baseline
 from sngr_utils.sngr.noop_baseline import TriggerOnly
+from sngr_utils.sngr.refined_world import refine_world
 from sngr_utils.world.scenario import Scenario
 
 VARIANTS = ("paper", "conditional", "marginal")
@@ -95,22 +95,20 @@ def _variant_row(
         sampling, the_gate = refine.Paper(settings, "nested"), gate.Gate()
         fired = base.covariances[base.fired(tau)]
         noop = [noop_baseline.noop_expected_log_weight(covariance, sigma) for covariance in fired]
-    refined = algorithm.run(
-        base.world, conventions, partial(trigger.triggers, tau=tau), sampling, the_gate, base,
+    refined = refine_world(
+        base, conventions, partial(trigger.triggers, tau=tau), sampling, the_gate,
         rng=np.random.default_rng([base.seed, 1]),
     )  # fmt: skip
-    truth, solution = base.world.poses[:, :2], refined.solution
-    covariances = marginals.position_covariances(solution, conventions.nees_frame)
-    before, after = solution.poses[:, :2], refined.poses[:, :2]
+    landmarks = refined.solution.landmarks
     return {
         **_window_row(base, refined.windows),
         "isam2_pose_rmse": base.pose_rmse,
-        "base_pose_rmse": rmse_and_nees.rmse(before, truth),
-        "sngr_pose_rmse": rmse_and_nees.rmse(after, truth),
-        "sngr_landmark_rmse": rmse_and_nees.rmse(solution.landmarks, base.world.landmarks),
+        "base_pose_rmse": refined.solution_rmse,
+        "sngr_pose_rmse": refined.pose_rmse,
+        "sngr_landmark_rmse": rmse_and_nees.rmse(landmarks, base.world.landmarks),
         "isam2_nees": base.nees,
-        "base_nees": rmse_and_nees.nees(before - truth, covariances),
-        "sngr_nees": rmse_and_nees.nees(after - truth, covariances),
+        "base_nees": refined.solution_nees,
+        "sngr_nees": refined.nees,
         "noop": float(np.mean(noop)) if noop else np.nan,
     }
 

@@ -1,6 +1,9 @@
 """The tables and figures of notebook 01, and what it records."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -11,12 +14,15 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
-from sngr_utils.bimodal import Config, Result, full_hessian, gauss_newton_hessian, repeated
+from sngr_utils.metrics.bimodality import bimodality_coefficient
 from sngr_utils.metrics.standard_error import standard_error
 from sngr_utils.publish import cells, report
-from sngr_utils.sampling.weighted_samples import NestedRun
 from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
+
+if TYPE_CHECKING:
+    from sngr_utils.bimodal import Config, Result
+    from sngr_utils.sampling.weighted_samples import NestedRun
 
 
 def hessian_table(config: Config) -> pd.DataFrame:
@@ -24,8 +30,8 @@ def hessian_table(config: Config) -> pd.DataFrame:
     rows = []
     for name, at in (("saddle", config.saddle), ("mode", config.modes[0])):
         for kind, hessian in (
-            ("Gauss-Newton", gauss_newton_hessian(config, at)),
-            ("full", full_hessian(config, at)),
+            ("Gauss-Newton", config.gauss_newton_hessian(at)),
+            ("full", config.full_hessian(at)),
         ):
             low, high = np.linalg.eigvalsh(hessian)
             shown = [cells.text(low), cells.text(high)]
@@ -68,7 +74,7 @@ def comparison_table(result: Result) -> pd.DataFrame:
 def record(result: Result, to: report.Report) -> None:
     """Hand the experiment's values to the paper."""
     for name, factor in (("as_printed", 0.5), ("correct", 1.0)):
-        saddle = profile(result.config, np.array(0.0), factor)
+        saddle = result.config.profile(np.array(0.0), factor)
         to.value(f"bimodal.loglik_saddle_{name}", saddle, unit="nats")
     to.value("bimodal.delta_logp", result.delta_logp, unit="nats")
     to.value("bimodal.sigma_y", result.sigma_y, unit="m", n=len(result.samples))
@@ -89,17 +95,24 @@ def record(result: Result, to: report.Report) -> None:
     to.value("bimodal.calls", result.run.calls, ".0f", within=0.05 * result.run.calls)
 
 
-def profile(config: Config, y: np.ndarray, factor: float) -> np.ndarray:
-    """(N,) log-likelihood of the ranges alone on the line through both modes, [nats].
-
-    Parameters
-    ----------
-    y : (N,) heights above the anchors' line, [m]
-    factor : factor on GTSAM's error(), see `settings.SamplerSettings`
-    """
-    distance = np.hypot(config.anchor_distance / 2, y)
-    error = (distance - config.measured_range) ** 2 / (2 * config.range_sigma**2)
-    return -factor * 2 * error
+def repeated(result: Result) -> dict[str, tuple[list[float], str]]:
+    """What a run reports, for each of the repeated runs: name -> ((n_repeats,) values, unit)."""
+    bests = [result.map + run.best for run in result.runs]
+    loglik = [float(run.log_likelihoods.max()) for run in result.runs]
+    heights = [result.map[1] + run.samples[:, 1] for run in result.runs]
+    return {
+        "best_x": ([float(best[0]) for best in bests], "m"),
+        "best_abs_y": ([abs(float(best[1])) for best in bests], "m"),
+        "best_distance": ([result.mode_distance(best) for best in bests], "m"),
+        "loglik_best": (loglik, "nats"),
+        "gains": ([value - result.loglik_map for value in loglik], "nats"),
+        "sigmas_y": ([float(np.sqrt(run.covariance[1, 1])) for run in result.runs], "m"),
+        "bimodalities": (
+            [bimodality_coefficient(y, run.weights)
+             for y, run in zip(heights, result.runs, strict=True)], "",
+        ),
+        "upper_masses": (list(map(float, result.upper_masses)), ""),
+    }  # fmt: skip
 
 
 def draw_circles(ax: Axes, anchors: np.ndarray, radius: float, points: dict) -> None:

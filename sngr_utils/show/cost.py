@@ -1,30 +1,31 @@
 """The tables and figures of notebook 04, and what it records."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from sngr_utils.cost import ClosureCost, Config, Cost, compare_engines, grow, likelihood_seconds
-from sngr_utils.experiments import engine_bench, growth
-from sngr_utils.experiments.engine_bench import Performance, ratio
-from sngr_utils.experiments.growth import Growth
+from sngr_utils.cost import Config, compare_engines, grow, likelihood_seconds
+from sngr_utils.experiments.bench import Performance, ratio
 from sngr_utils.metrics import standard_error
 from sngr_utils.publish import cells, report
-from sngr_utils.sampling import importance
-from sngr_utils.sampling.settings import FastSettings
 from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
 
+if TYPE_CHECKING:
+    from sngr_utils.experiments.growth import Growth
+    from sngr_utils.experiments.refinement_cost import ClosureCost, Cost
 
-def two_mode_table(*, rng: np.random.Generator, runs: int = 40) -> pd.DataFrame:
-    """The fast path on the two-mode landmark of notebook 01, from one start and from many."""
+
+def two_mode_table(modes: dict[int, tuple[np.ndarray, np.ndarray]]) -> pd.DataFrame:
+    """The fast path on the two-mode landmark of notebook 01, as `engine_bench.two_modes` ran it."""
     rows = []
-    for n_starts in (1, FastSettings().n_starts):
-        masses, k_hats = engine_bench.two_mode_runs(n_starts, runs, rng=rng)
-        right = np.abs(masses - 0.5) < 0.1
-        content = k_hats <= importance.MAX_K_HAT
+    for n_starts, (masses, content) in modes.items():
+        right, runs = np.abs(masses - 0.5) < 0.1, len(masses)
         rows.append([
             str(n_starts), f"{right.sum()} of {runs}", f"{(content & ~right).sum()} of {runs}",
             cells.mean_std(masses),
@@ -130,8 +131,8 @@ def record(
 
 
 def record_engines(
-    performances: dict[str, engine_bench.Performance],
-    grown: growth.Growth,
+    performances: dict[str, Performance],
+    grown: Growth,
     fast: tuple[float, float],
     to: report.Report,
 ) -> None:
@@ -141,7 +142,7 @@ def record_engines(
         "nested_few", "nested", "fast",
     ), strict=True))  # fmt: skip
     for name, key in keys.items():
-        p, faster = performances[name], engine_bench.ratio(performances, name)
+        p, faster = performances[name], ratio(performances, name)
         to.value(f"engine.{key}.ratio", faster, ".1f" if faster < 10 else ".0f", timing=True)
         error = standard_error.standard_error(p.errors)
         to.value(f"engine.{key}.bias", p.errors.mean(), ".3f", "nats", error, len(p.errors))
@@ -163,16 +164,6 @@ def record_engines(
         order = 10.0 ** np.floor(np.log10(last)) if last > 1000 else last  # three windows' worth
         to.value(f"growth.{name}.last", order, ".0f", timing=True)
     to.value("growth.slope", grown.slope("marginals, selected inverse"), timing=True)
-
-
-def print_bench(config: Config) -> None:
-    """What ``make bench`` prints: speed and accuracy of the engines, growth of the marginals."""
-    performances = compare_engines(config)
-    print(speed_table(performances, likelihood_seconds(config)).to_string(index=False))
-    print()
-    print(accuracy_table(performances).to_string(index=False))
-    print()
-    print(growth_table(grow(config)).to_string(index=False))
 
 
 def speed_table(performances: dict[str, Performance], per_call: float) -> pd.DataFrame:
@@ -274,3 +265,13 @@ def draw_growth(ax: Axes, lengths: np.ndarray, seconds: dict[str, np.ndarray],
         ax.loglog(lengths, values, marker=marker, color=colour, label=label)
     ax.set(xlabel="poses", ylabel="CPU time [s]")
     ax.legend(loc="lower center", bbox_to_anchor=(0.45, 1.0), ncols=1)
+
+
+def print_bench(config: Config) -> None:
+    """What ``make bench`` prints: speed and accuracy of the engines, growth of the marginals."""
+    performances = compare_engines(config)
+    print(speed_table(performances, likelihood_seconds(config)).to_string(index=False))
+    print()
+    print(accuracy_table(performances).to_string(index=False))
+    print()
+    print(growth_table(grow(config)).to_string(index=False))

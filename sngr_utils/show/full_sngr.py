@@ -1,26 +1,26 @@
 """The tables and figures of notebook 03, and what it records."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from sngr_utils.full_sngr import (
-    Config,
-    Refinement,
-    example_window,
-    mean_cost,
-    noop_mean_log_weights,
-)
+from sngr_utils.full_sngr import Config, example_window, noop_means
 from sngr_utils.metrics import standard_error
 from sngr_utils.publish import cells, report
 from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
 from sngr_utils.show.style import PRESET_COLOURS, PRESET_MARKERS, WRONG_LABEL
 
+if TYPE_CHECKING:
+    from sngr_utils.sngr.refined_world import RefinedWorld
 
-def rmse_series(levels: dict[float, Refinement]) -> dict[str, list[float]]:
+
+def rmse_series(levels: dict[float, RefinedWorld]) -> dict[str, list[float]]:
     """Pose RMSE [m] per level and method, with the printed values where the paper has them."""
     printed = report.printed_values()["sngr"]
     return {
@@ -32,7 +32,7 @@ def rmse_series(levels: dict[float, Refinement]) -> dict[str, list[float]]:
 
 
 def per_window(
-    presets: dict[str, Refinement], what: str
+    presets: dict[str, RefinedWorld], what: str
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Preset -> (windows, their "delta_logp" [nats] or "ess_share")."""
     chosen = {}
@@ -42,7 +42,7 @@ def per_window(
     return chosen
 
 
-def sngr_table(config: Config, levels: dict[float, Refinement]) -> pd.DataFrame:
+def sngr_table(config: Config, levels: dict[float, RefinedWorld]) -> pd.DataFrame:
     """tab:sngr, printed beside ours, with the RMSE of iSAM2 before refinement."""
     printed, t, rows = report.printed_values()["sngr"], cells.text, []
     for p, level in levels.items():
@@ -66,13 +66,13 @@ def sngr_table(config: Config, levels: dict[float, Refinement]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples(heads))
 
 
-def gain_table(levels: dict[float, Refinement]) -> pd.DataFrame:
+def gain_table(levels: dict[float, RefinedWorld]) -> pd.DataFrame:
     """Gain of the refined windows, what the gate made of them, what the trajectory gained."""
     rows = [[f"{p:g}", *_gain_cells(level, ".3f")] for p, level in levels.items()]
     return pd.DataFrame(rows, columns=["p", *GAIN_COLUMNS])
 
 
-def preset_table(presets: dict[str, Refinement]) -> pd.DataFrame:
+def preset_table(presets: dict[str, RefinedWorld]) -> pd.DataFrame:
     """The same under each preset, after what the paper prints for its own conventions.
 
     One decimal: iSAM2's lazy relinearisation (A, C) turns rounding, which differs between
@@ -90,7 +90,7 @@ def preset_table(presets: dict[str, Refinement]) -> pd.DataFrame:
 GAIN_COLUMNS = ["refined", "accepted", "least Δ log p", "median", "largest", "RMSE change [mm]"]
 
 
-def _gain_cells(level: Refinement, fmt: str) -> list[str]:
+def _gain_cells(level: RefinedWorld, fmt: str) -> list[str]:
     gains = level.gains
     spread = [cells.NONE] * 3
     if len(gains):
@@ -100,8 +100,8 @@ def _gain_cells(level: Refinement, fmt: str) -> list[str]:
 
 def record(
     config: Config,
-    levels: dict[float, Refinement],
-    presets: dict[str, Refinement],
+    levels: dict[float, RefinedWorld],
+    presets: dict[str, RefinedWorld],
     to: report.Report,
 ) -> None:
     """Hand the pipeline's values to the paper."""
@@ -109,7 +109,7 @@ def record(
     to.value("sngr.tau", config.tau)
     to.value("sngr.p_diagnosed", config.p_diagnosed, "g")
     window = example_window(config, levels[config.p_diagnosed])
-    to.value("sngr.mean_cost", mean_cost(window), ".3f", unit="nats")
+    to.value("sngr.mean_cost", window.expected_loss, ".3f", unit="nats")
     for preset, level in presets.items():
         to.value(f"sngr.refined.{preset}", len(level.windows), ".0f")
         to.value(f"sngr.gain_median.{preset}", level.median_gain, ".1f", "nats", within=0.1)
@@ -125,7 +125,7 @@ def record(
     to.value("sngr.odometry_rmse", levels[most].odometry_rmse, unit="m")
     ess = np.concatenate([level.ess_shares for level in levels.values()])
     to.value("sngr.ess_median", np.median(ess) if len(ess) else np.nan, n=len(ess))
-    weights = noop_mean_log_weights(config, levels[config.p_noop])
+    weights, _ = noop_means(config, levels[config.p_noop])
     mean = weights.mean() if len(weights) else np.nan
     error = standard_error.standard_error(weights) if len(weights) > 1 else None
     to.value("noop.mean_log_weight", mean, ".0f", "nats", error, n=len(weights))

@@ -1,6 +1,9 @@
 """The tables and figures of notebook 02, and what it records."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -12,9 +15,10 @@ from sngr_utils.publish import cells, report
 from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
 from sngr_utils.show.style import WRONG_LABEL
-from sngr_utils.sngr import windows
-from sngr_utils.sngr.baseline import Baseline
 from sngr_utils.trigger_sweep import Sweep, pooled_scores, roles, triggers_by_tau
+
+if TYPE_CHECKING:
+    from sngr_utils.sngr.baseline import Baseline
 
 
 def preset_table(presets: dict[str, Sweep]) -> pd.DataFrame:
@@ -138,8 +142,7 @@ def draw_world(ax: Axes, base: Baseline, tau: float | None = None) -> None:
     ax.plot(*true[:, :2].T, "-", color=style.TRUTH, lw=0.7, label="truth")
     ax.plot(*estimate[:, :2].T, "o-", color=style.ESTIMATE, lw=0.7, ms=2, label="iSAM2")
     if tau is not None:
-        fired = np.flatnonzero(base.fired(tau))
-        marked = sorted({int(t) + i for t in fired for i in range(windows.WIDTH)})
+        marked = base.fired_poses(tau)
         ax.plot(*estimate[marked, :2].T, "o", color=style.TRIGGERED, ms=3, label="fires")
     ax.plot(*base.world.landmarks.T, "*", color=style.TRUTH, ms=5, label="landmark")
     ax.plot(*base.solution.landmarks.T, "+", color=style.ESTIMATE, ms=5, label="estimate")

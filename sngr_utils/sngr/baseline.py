@@ -45,6 +45,11 @@ class Baseline:
         """(N,) bool: which windows trigger at `tau`."""
         return trigger.triggers(self.scores, tau)
 
+    def fired_poses(self, tau: float) -> list[int]:
+        """Poses of the windows that trigger at `tau`."""
+        fired = np.flatnonzero(self.fired(tau))
+        return sorted({int(t) + i for t in fired for i in range(windows.WIDTH)})
+
     @property
     def base_rate(self) -> float:
         """Share of the windows that may fire that failed: the precision of firing at random.

@@ -36,6 +36,16 @@ class RefinedWindow:
     poses: list[gtsam.Pose2]
     run: NestedRun
 
+    @property
+    def expected_loss(self) -> float:
+        """Of log posterior by taking a sampled mean for the maximum, d / 2n, [nats].
+
+        n is the effective sample size. For a Gaussian, independent samples, and a prior that is
+        wide compared with the likelihood.
+        """
+        n_samples, dimension = self.run.samples.shape
+        return dimension / (2 * self.run.ess_share * n_samples)
+
 
 def window_likelihood(solution: Solution, t: int, factor: float) -> LocalLikelihood:
     """Local log-likelihood of window w(t), everything else held at the MAP.

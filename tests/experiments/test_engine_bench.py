@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from sngr_utils import cost
-from sngr_utils.experiments import engine_bench, growth
+from sngr_utils.experiments import bench, engine_bench, growth
 from sngr_utils.publish import files, report
 from sngr_utils.sampling import settings
 from sngr_utils.show import cost as show
@@ -31,8 +31,8 @@ def test_every_engine_takes_part_and_is_measured(engines):
         assert (p.seconds >= 0).all()
         assert (p.calls > 30).all()
         assert (np.abs(p.errors) < 3).all()  # ten times the error of 30 live points
-    assert engine_bench.ratio(performances, engine_bench.WINDOW_LOOP) == 1
-    assert engine_bench.ratio(performances, "fast path") > 10
+    assert bench.ratio(performances, bench.WINDOW_LOOP) == 1
+    assert bench.ratio(performances, "fast path") > 10
 
 
 def test_bench_tables_and_values(engines, tmp_path, capsys):
@@ -100,13 +100,12 @@ def test_long_worlds_keep_the_step():
 
 def test_two_modes_from_one_start_and_from_many():
     """One start is wrong always; 32 miss a basin of one half once in 2^32."""
-    rng = np.random.default_rng(0)
-    one, _ = engine_bench.two_mode_runs(1, 20, rng=rng)
-    many, _ = engine_bench.two_mode_runs(32, 20, rng=rng)
+    modes = engine_bench.two_modes(20, rng=np.random.default_rng(0))
+    (one, _), (many, content) = modes.values()
     assert np.all((one < 0.1) | (one > 0.9))
     assert np.all(np.abs(many - 0.5) < 0.1)
-    table = show.two_mode_table(rng=rng, runs=5)
-    assert table["right"].tolist() == ["0 of 5", "5 of 5"]
+    assert content.all()
+    assert show.two_mode_table(modes)["right"].tolist() == ["0 of 20", "20 of 20"]
 
 
 def test_reference_is_that_of_the_likelihood(noisy):

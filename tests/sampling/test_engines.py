@@ -5,7 +5,7 @@ import pytest
 from gtsam.symbol_shorthand import L
 from scipy import stats
 
-from sngr_utils import bimodal, full_sngr
+from sngr_utils import full_sngr
 from sngr_utils.sampling import (
     compiled_nested,
     dynesty_nested,
@@ -16,8 +16,9 @@ from sngr_utils.sampling import (
 )
 from sngr_utils.sampling.compiled_walk import CompiledWalk
 from sngr_utils.sampling.settings import FastSettings, SamplerSettings
-from sngr_utils.sampling.targets import compiled
+from sngr_utils.sampling.targets import compiled, two_anchors
 from sngr_utils.sngr import refine
+from sngr_utils.world.two_anchors import TwoAnchors
 
 LONG = SamplerSettings(min_walks=50)
 COMPILED = ["dynesty-compiled", "nested", "fast"]
@@ -89,9 +90,9 @@ def test_compiled_engines_agree_with_each_other_on_a_window(noisy):
 
 def two_modes():
     """The bimodal experiment under its wide prior: modes (2, +-sqrt 5), masses one half."""
-    config = bimodal.Config()
-    estimate = bimodal.run_isam2(config, np.array([2.0, 0.0]))
-    likelihood = bimodal.log_likelihood(config, estimate)
+    scene = TwoAnchors()
+    estimate = two_anchors.run_isam2(scene, scene.saddle)
+    likelihood = two_anchors.log_likelihood(scene, estimate, 1.0)
     return compiled.flatten(likelihood.factors, estimate, [L(0)], 1.0), 50 * np.eye(2)
 
 

@@ -1,0 +1,62 @@
+"""What the engines are compared on, and what a comparison gives; nothing here runs any."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from sngr_utils.settings import Checked, Probability
+
+
+class BenchSettings(Checked):
+    """What the engines are compared on, and how often.
+
+    bench_p : wrong-association probability of the world
+    bench_windows : windows of it, spread evenly
+    bench_runs : runs of dynesty with a compiled walk, over all windows; the compiled samplers run
+        ten times as many, dynesty with GTSAM's factors or short walks a third, the loop over the
+        closure a ninth
+    reference_draws : importance samples behind each window's reference evidence and mean
+    lengths : numbers of poses at which the growth is measured
+    """
+
+    bench_p: Probability = 0.2
+    bench_windows: Annotated[int, Field(ge=1)] = 4
+    bench_runs: Annotated[int, Field(ge=2)] = 36
+    reference_draws: Annotated[int, Field(ge=1000)] = 100_000
+    lengths: Annotated[list[Annotated[int, Field(ge=3)]], Field(min_length=2)] = [
+        30, 100, 300, 1000, 3000, 10_000, 30_000,
+    ]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Performance:
+    """What the runs of one contender came to. R runs over the bench's windows.
+
+    Attributes
+    ----------
+    seconds : (R,) CPU time of each run
+    calls : (R,) likelihood calls
+    errors : (R,) log Z less the reference, [nats]
+    mean_errors : (R,) root mean square error of the mean, in posterior standard deviations
+    variance_ratios : (R,) geometric mean of the variances over the reference's
+    ess : (R,) effective samples
+    """
+
+    seconds: np.ndarray
+    calls: np.ndarray
+    errors: np.ndarray
+    mean_errors: np.ndarray
+    variance_ratios: np.ndarray
+    ess: np.ndarray
+
+
+# The sampler of the paper with GTSAM's factors one by one in a Python loop: all of the closure,
+# as the paper describes it, and those that touch the window. Ratios are to the second.
+CLOSURE_LOOP, WINDOW_LOOP = "dynesty, loop over the closure", "dynesty, loop over the window"
+
+
+def ratio(performances: dict[str, Performance], name: str) -> float:
+    """How many times faster than the loop over the window's factors."""
+    return float(performances[WINDOW_LOOP].seconds.mean() / performances[name].seconds.mean())

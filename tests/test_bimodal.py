@@ -1,0 +1,148 @@
+"""Notebook 01: what must hold, and what the paper prints."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from sngr_utils import bimodal, paths
+from sngr_utils.metrics import standard_error
+from sngr_utils.publish import contradictions, dependencies, parameters, report
+from sngr_utils.sampling.targets import two_anchors
+from sngr_utils.show import bimodal as show
+from sngr_utils.world.two_anchors import TwoAnchors
+
+pytestmark = pytest.mark.usefixtures("house_style")
+
+
+@pytest.fixture(scope="module")
+def bimodal_result():
+    return bimodal.run(bimodal.Config(n_repeats=20))
+
+
+def test_saddle_log_likelihoods_in_both_conventions():
+    """-12.50 as printed and -25.0 in the correct convention, by formula and by GTSAM."""
+    for factor, expected in ((0.5, -12.5), (1.0, -25.0)):
+        config = bimodal.Config(likelihood_factor=factor)
+        assert config.profile(np.array(0.0), factor) == pytest.approx(expected)
+        estimate = two_anchors.run_isam2(config, config.saddle)
+        likelihood = two_anchors.log_likelihood(config, estimate, config.likelihood_factor)
+        assert likelihood(np.zeros(2)) == pytest.approx(expected, abs=1e-6)
+
+
+def test_printed_gain_follows_from_the_weak_prior():
+    """+12.49 is 12.5 less half of the prior's error of 10 m at the mode."""
+    config = bimodal.Config()
+    at_mode = -0.5 * 0.5 * 5 / 10**2
+    estimate = two_anchors.run_isam2(config, config.saddle)
+    likelihood = two_anchors.log_likelihood(config, estimate, config.likelihood_factor)
+    mode = config.modes[0] - config.saddle
+    assert likelihood(mode) == pytest.approx(at_mode, abs=1e-6)
+    gain = likelihood(mode) - likelihood(np.zeros(2))
+    assert round(gain, 2) == report.printed_values()["bimodal"]["delta_logp"]
+
+
+def test_hessians_against_finite_differences():
+    config, h = bimodal.Config(likelihood_factor=1.0), 1e-4
+    estimate = two_anchors.run_isam2(config, config.saddle)
+    likelihood = two_anchors.log_likelihood(config, estimate, config.likelihood_factor)
+    for at in (config.saddle, config.modes[0], np.array([1.0, 1.5])):
+        offset = at - config.saddle
+        numeric = np.zeros((2, 2))
+        for i in range(2):
+            for j in range(2):
+                e, f = h * np.eye(2)[i], h * np.eye(2)[j]
+                numeric[i, j] = -(
+                    likelihood(offset + e + f) - likelihood(offset + e - f)
+                    - likelihood(offset - e + f) + likelihood(offset - e - f)
+                ) / (4 * h * h)  # fmt: skip
+        assert np.allclose(config.full_hessian(at), numeric, atol=1e-3)
+
+
+def test_isam2_stays_at_the_saddle_and_leaves_any_other_start():
+    config = bimodal.Config()
+    stays = two_anchors.run_isam2(config, config.saddle).atPoint2(two_anchors.LANDMARK)
+    assert np.allclose(stays, config.saddle, atol=1e-9)
+    leaves = two_anchors.run_isam2(config, np.array([2.0, -0.5])).atPoint2(two_anchors.LANDMARK)
+    assert np.allclose(leaves, config.modes[1], atol=0.01)
+
+
+def test_both_modes_found_with_half_the_mass_each(bimodal_result):
+    """The run's mass at 4 of its standard errors, the mean of 20 at 5 of theirs.
+
+    The standard errors are themselves estimated from 20 runs (t law, 19 degrees): failure
+    probabilities 8e-4 and 8e-5.
+    """
+    masses = bimodal_result.upper_masses
+    assert abs(masses[0] - 0.5) < 4 * bimodal_result.upper_mass_error
+    assert abs(masses.mean() - 0.5) < 5 * standard_error.standard_error(masses)
+    assert ((masses > 0.05) & (masses < 0.95)).all()
+
+
+def test_masses_are_of_the_modes_wherever_isam2_ended():
+    """From a start off the saddle the prior is centred on a mode; y > 0 still means that mode.
+
+    Quadrature puts the other mode's mass at half a per cent, far from the 0.2 allowed.
+    """
+    config = bimodal.Config(n_repeats=2, n_live=50)
+    upper = bimodal.run(config, at=np.array([2.0, 0.5]))
+    lower = bimodal.run(config, at=np.array([2.0, -0.5]))
+    assert (upper.upper_masses > 0.8).all()
+    assert (lower.upper_masses < 0.2).all()
+
+
+def test_one_run_cannot_know_its_own_mass_error(bimodal_result):
+    """The spread of 20 runs exceeds the resampled error; the ratio is near 3.5.
+
+    Under equality of the two, 20 runs exceed twice the error with probability below 1e-6.
+    """
+    assert bimodal_result.upper_mass_error > 2 * bimodal_result.resampled_error
+
+
+def test_bimodal_moments(bimodal_result):
+    """sigma_y near the half distance of the modes, whatever the mass; coefficient near one."""
+    height = bimodal_result.config.modes[0, 1]
+    assert 0.8 * height < bimodal_result.sigma_y < 1.15 * height
+    assert bimodal_result.bimodality > 0.9
+    assert bimodal.mode_width(bimodal_result) < 0.5
+
+
+def test_bimodal_tables_and_figures(bimodal_result, tmp_path):
+    table = show.comparison_table(bimodal_result)
+    assert set(table["printed"]) >= {"−12.50", "12.49", "2.21", "0.62"}
+    assert list(table["ours"])[2] == "−12.50"
+    assert show.hessian_table(bimodal_result.config)["smallest"][1].startswith("−")
+    to = report.Report("x", tmp_path)
+    show.record(bimodal_result, to)
+    config = bimodal_result.config
+    fig, axes = plt.subplots(1, 6, figsize=(2 * 6, 2.5))
+    show.draw_circles(axes[0], config.anchors, 3.0, {"modes": config.modes})
+    show.draw_profile(axes[1], np.arange(3.0), {"a": np.arange(3.0)})
+    points = {"iSAM2": bimodal_result.map, "modes": config.modes}
+    show.draw_samples(axes[2], bimodal_result.samples, bimodal_result.weights, points)
+    show.draw_histogram(axes[3], bimodal_result.samples[:, 1], bimodal_result.weights, [0.0])
+    show.draw_repeated_masses(axes[4], bimodal_result.upper_masses, 0.1, 0.2)
+    show.draw_live_points(axes[5], np.arange(3.0), np.arange(3.0))
+    to.figure(fig, "all", png=True)
+    assert show.run_plot(bimodal_result.run) is not None
+    assert (tmp_path / "x_all.pdf").exists()
+    assert (tmp_path / "x_all.png").exists()
+
+
+def test_circles_that_do_not_cross_are_refused():
+    with pytest.raises(ValueError, match=r"measured_range is 1\.9"):
+        bimodal.Config(measured_range=1.9)
+
+
+def test_the_modes_are_those_the_printed_numbers_are_held_against():
+    assert np.allclose(TwoAnchors().modes[0], contradictions.MODE, rtol=1e-15)
+
+
+def test_the_notebook_depends_on_nothing_it_does_not_show():
+    """No room of the library but those of the lesson: a plot of another study leaves it fresh."""
+    cells = [cell.source for cell in parameters.read_notebook("01_bimodal").cells
+             if cell.cell_type == "code"]  # fmt: skip
+    files = dependencies.imported_files("01_bimodal", cells)
+    rooms = {path.relative_to(paths.PACKAGE).parts[0] for path in files}
+    assert not rooms & {"sngr", "detection", "online", "robust", "experiments"}
+    with_gtsam = {path.stem for path in files if "import gtsam" in path.read_text()}
+    assert with_gtsam == {"bimodal", "likelihood", "two_anchors"}
