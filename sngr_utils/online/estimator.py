@@ -101,10 +101,6 @@ def run(
     Parameters
     ----------
     watch : called with the belief after every step, e.g. to draw it
-
-    Raises
-    ------
-    ValueError : more landmarks than mutual exclusion takes, if it is asked for
     """
     online = Online(world.first(1), conventions, settings, rng=rng)
     filtered = [online.belief.poses[-1]]

@@ -68,7 +68,7 @@ def estimate(
 
     Raises
     ------
-    ValueError : unknown start, or more landmarks than mutual exclusion takes
+    ValueError : unknown start
     """
     if start not in landmark_starts.STARTS:
         raise ValueError(f"start is {start!r}: it must be one of {sorted(landmark_starts.STARTS)}")

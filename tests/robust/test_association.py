@@ -56,13 +56,126 @@ def test_exclusion_settles_what_two_ranges_leave_open():
     assert mutual_exclusion.exclusive_posterior(log_weights)[0, 1] == pytest.approx(1.0)
 
 
-def test_too_many_ranges_and_too_many_landmarks_are_refused():
-    crowded = np.zeros((3, 3))
-    crowded[:, -1] = -np.inf
-    with pytest.raises(ValueError, match="no matching"):
-        mutual_exclusion.exclusive_posterior(crowded)
-    with pytest.raises(ValueError, match="n_landmarks is 15"):
-        mutual_exclusion.exclusive_posterior(np.zeros((1, 16)))
+def by_all_subsets(log_weights):
+    """Marginals by the recursion over every subset of the landmarks, nothing left out."""
+    relative = log_weights - log_weights.max(axis=1, keepdims=True)
+    weights = np.exp(np.maximum(relative, mutual_exclusion.LEAST)) * ~np.isneginf(relative)
+    n, k = len(weights), weights.shape[1] - 1
+
+    def steps():  # pairs of a subset before and after, and the column that joins them
+        sets = np.arange(1 << k)
+        yield sets, sets, k
+        for j in range(k):
+            free = sets[sets >> j & 1 == 0]
+            yield free, free | 1 << j, j
+
+    before, after = np.zeros((n + 1, 1 << k)), np.ones((n + 1, 1 << k))
+    before[0, 0] = 1.0
+    for i in range(n):
+        for s, there, j in steps():
+            np.add.at(before[i + 1], there, before[i, s] * weights[i, j])
+    found = np.zeros(weights.shape)
+    for i in range(n - 1, -1, -1):
+        after[i] = 0.0
+        for s, there, j in steps():
+            found[i, j] = np.sum(before[i, s] * weights[i, j] * after[i + 1, there])
+            np.add.at(after[i], s, weights[i, j] * after[i + 1, there])
+    return found / found.sum(axis=1, keepdims=True)
+
+
+def scan_of_ranges(k, seed, none, sigma=0.1, n=None):
+    """Log weights of the ranges of one scan to k landmarks, half of them mislabelled."""
+    rng = np.random.default_rng(seed)
+    distances = rng.uniform(1, 9, k)
+    ranges = rng.permutation(np.resize(distances, n or k)) + rng.normal(0, sigma, n or k)
+    labels = rng.integers(k, size=len(ranges))
+    residuals = ranges[:, None] - distances
+    logs = association.log_prior(labels, k, 0.5) - 0.5 * (residuals / sigma) ** 2
+    return np.column_stack([logs, np.full(len(ranges), none)])
+
+
+@pytest.mark.parametrize("none", [-np.inf, -20.0])
+@pytest.mark.parametrize(("k", "n"), [(4, 4), (7, 5), (9, 9), (11, 11)])
+def test_pairs_that_are_left_out_are_not_missed(k, n, none):
+    for seed in range(3):
+        logs = scan_of_ranges(k, seed, none, n=n)
+        found = mutual_exclusion.exclusive_posterior(logs)
+        assert np.allclose(found, by_all_subsets(logs), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("none", [-np.inf, -30.0])
+def test_where_only_implausible_matchings_exist_nothing_is_left_out(none):
+    """Three ranges fit the first landmark only: two of them have to go somewhere."""
+    logs = np.random.default_rng(0).uniform(-60, -45, (3, 6))
+    logs[:, 0], logs[:, -1] = 0.0, none
+    found = mutual_exclusion.exclusive_posterior(logs)
+    assert np.allclose(found, by_all_subsets(logs), rtol=0, atol=1e-12)
+
+
+def test_more_ranges_than_landmarks_and_one_landmark_measured_twice():
+    """Whoever finds no landmark free came from none of them, said or not that this can be."""
+    for none in (-np.inf, -20.0):
+        found = mutual_exclusion.exclusive_posterior(scan_of_ranges(3, 0, none, n=5))
+        assert found.sum(axis=1) == pytest.approx(np.ones(5))
+        assert found[:, :-1].sum(axis=0) == pytest.approx(np.ones(3))
+        assert found[:, -1].sum() == pytest.approx(2.0)
+    twice = np.array([[0.0, -200.0, -20.0], [0.0, -200.0, -20.0]])
+    found = mutual_exclusion.exclusive_posterior(twice)
+    assert found == pytest.approx(np.array([[0.5, 0, 0.5], [0.5, 0, 0.5]]), abs=1e-9)
+    alone = np.array([[0.0, -np.inf, -np.inf], [0.0, -np.inf, -np.inf]])
+    assert mutual_exclusion.exclusive_posterior(alone) == pytest.approx(found, abs=1e-9)
+
+
+def test_scans_are_independent_and_their_rows_have_no_order():
+    logs = np.vstack([scan_of_ranges(6, seed, -20.0) for seed in (1, 2)])
+    found = mutual_exclusion.exclusive_posterior(logs, np.repeat([4, 7], 6))
+    assert np.array_equal(found[6:], mutual_exclusion.exclusive_posterior(logs[6:]))
+    turned = mutual_exclusion.exclusive_posterior(logs[:6][::-1])[::-1]
+    assert np.allclose(found[:6], turned, rtol=0, atol=1e-14)
+
+
+def operations(k):
+    """Subsets that are gone through for a scan of as many ranges as landmarks, on average."""
+    sizes = []
+    for seed in range(20):
+        logs = scan_of_ranges(k, seed, -np.inf, sigma=0.5 / k)
+        weights = np.exp(np.maximum(logs - logs.max(axis=1, keepdims=True), -50.0))
+        sizes.append(k << mutual_exclusion._plan(weights, mutual_exclusion.PLAUSIBLE).n_open)
+    return np.mean(sizes)
+
+
+def test_cost_grows_with_the_landmarks_that_are_open_and_not_with_all_of_them():
+    """As many neighbours in range, however many landmarks: all subsets would be 2^42 as many."""
+    few, many = operations(6), operations(48)
+    assert many < 8**2 * few  # quadratic at most
+
+
+def test_thirty_landmarks_are_no_more_than_those_open():
+    logs = scan_of_ranges(30, 0, -20.0, sigma=0.02)
+    found = mutual_exclusion.exclusive_posterior(logs)
+    assert found.sum(axis=1) == pytest.approx(np.ones(30))
+    assert (found[:, :-1].sum(axis=0) < 1 + 1e-9).all()
+
+
+def test_where_too_many_are_open_the_least_plausible_pairs_go_first():
+    """Twenty ranges in a row, each torn between two landmarks, and a veil over all pairs."""
+    n = 20
+    veil = np.full((n, n + 1), np.log(1e-8))
+    veil[np.arange(n), np.arange(n)] = 0.0
+    veil[np.arange(n - 1), np.arange(1, n)] = -1.0
+    bare = np.where(veil < -2, -np.inf, veil)
+    bare[:, -1] = np.log(1e-8)
+    found, without = map(mutual_exclusion.exclusive_posterior, (veil, bare))
+    assert np.allclose(found, without, atol=1e-12)
+
+
+def test_where_all_are_open_every_range_is_on_its_own():
+    logs = np.random.default_rng(0).normal(size=(18, 19))
+    found = mutual_exclusion.exclusive_posterior(logs)
+    assert np.allclose(found, association.posterior(logs))
+
+
+def test_unknown_start_is_refused():
     clean = simulation.simulate(scenario.Scenario(), 0.0, rng=np.random.default_rng(0))
     with pytest.raises(ValueError, match="start is 'truth'"):
         em.estimate(clean, C, "truth", False)
