@@ -42,6 +42,7 @@ STARTS = {
 
 GRID_CELLS = 100  # per axis
 NEGLIGIBLE_EXPONENT = 40.0  # e^-40 is nothing beside an outlier, in floating point
+LARGE = 1e200  # product of likelihoods that is turned into a sum of logarithms
 GRID_OUTLIER_SHARE = 0.5  # knowing nothing about a range: right or wrong alike
 
 
@@ -103,17 +104,30 @@ def best_cell(
 
 @compile_once
 def _grid_scores(axes, positions, ranges, sharpness, right, outlier):
-    """Log-likelihood of every cell, less that of outliers only: most ranges miss most cells."""
-    scores = np.zeros((len(axes), len(axes)))
-    for i in range(len(axes)):
-        for j in range(len(axes)):
-            for n in range(len(ranges)):
-                dx, dy = axes[i, 0] - positions[n, 0], axes[j, 1] - positions[n, 1]
-                error = ranges[n] - math.sqrt(dx * dx + dy * dy)
-                exponent = sharpness[n] * error * error
-                if exponent < NEGLIGIBLE_EXPONENT:
-                    scores[i, j] += math.log1p(right[n] * math.exp(-exponent) / outlier)
-    return scores
+    """Log-likelihood of every cell, less that of outliers only: most ranges miss most cells.
+
+    A range reaches the cells between two circles. Likelihoods are multiplied, and their
+    logarithm is taken when they grow large.
+    """
+    scores, products = np.zeros((len(axes), len(axes))), np.ones((len(axes), len(axes)))
+    for n in range(len(ranges)):
+        reach = math.sqrt(NEGLIGIBLE_EXPONENT / sharpness[n])
+        inner, outer = max(ranges[n] - reach, 0.0) ** 2, (ranges[n] + reach) ** 2
+        for i in range(len(axes)):
+            dx = axes[i, 0] - positions[n, 0]
+            if dx * dx > outer:
+                continue
+            for j in range(len(axes)):
+                dy = axes[j, 1] - positions[n, 1]
+                square = dx * dx + dy * dy
+                if inner <= square < outer:
+                    error = ranges[n] - math.sqrt(square)
+                    likelihood = right[n] * math.exp(-sharpness[n] * error * error)
+                    products[i, j] *= 1 + likelihood / outlier
+                    if products[i, j] > LARGE:
+                        scores[i, j] += math.log(products[i, j])
+                        products[i, j] = 1.0
+    return scores + np.log(products)
 
 
 OUTLIER_SHARE = 0.5  # of the ranges a landmark is started from: right or wrong alike

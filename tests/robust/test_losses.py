@@ -156,6 +156,19 @@ def test_best_cell_holds_the_landmark_among_many_wrong_ranges():
     assert np.abs(cell - landmark).max() < width
 
 
+def test_grid_scores_are_the_log_likelihoods_of_all_ranges():
+    """Cell by cell, the sum over ranges that miss it included; a product would overflow."""
+    rng, n = np.random.default_rng(0), 400
+    positions, ranges = rng.normal(0, 3, (n, 2)), rng.uniform(0, 6, n)
+    axes = np.linspace([-9.0, -8.0], [9.0, 8.0], 25)
+    sharpness, right, outlier = rng.uniform(1, 50, n), rng.uniform(0.5, 4e3, n), 0.05
+    got = landmark_starts._grid_scores(axes, positions, ranges, sharpness, right, outlier)
+    cells = np.stack(np.meshgrid(axes[:, 0], axes[:, 1], indexing="ij"), axis=2)
+    errors = np.linalg.norm(cells[..., None, :] - positions, axis=3) - ranges
+    each = np.log1p(right * np.exp(-sharpness * errors**2) / outlier)
+    assert np.allclose(got, each.sum(axis=2), rtol=1e-12, atol=1e-9)
+
+
 def test_landmark_seen_from_two_poses_only_is_left_out():
     drawn = make(0.0)
     kept = (drawn.label_of != 5) | (drawn.pose_of < 2)
