@@ -42,10 +42,13 @@ def dead_reckoning_variances(poses: np.ndarray, scenario: Scenario) -> np.ndarra
     ----------
     poses : (T, 3), [m, m, rad]
     """
-    offsets = np.linalg.norm(poses[:, None, :2] - poses[None, 1:, :2], axis=2)
-    earlier = np.arange(len(poses))[:, None] >= np.arange(1, len(poses))
-    turned = 0.5 * scenario.odometry_sigma_theta**2 * np.sum(offsets**2 * earlier, axis=1)
-    return np.arange(len(poses)) * scenario.odometry_sigma_xy**2 + turned
+    steps = np.arange(len(poses))
+    places = poses[:, :2] - poses[0, :2]  # about the first, so that little cancels below
+    squares = np.sum(places**2, axis=1)
+    along = np.sum(places * np.cumsum(places, axis=0), axis=1)
+    # the sum of |x_t - x_s|^2 over the ends s = 1 ... t of the steps, multiplied out
+    turned = np.maximum(steps * squares - 2 * along + np.cumsum(squares), 0.0)
+    return steps * scenario.odometry_sigma_xy**2 + 0.5 * scenario.odometry_sigma_theta**2 * turned
 
 
 def rigid_covariances(poses: np.ndarray, x0_sigmas: list[float]) -> np.ndarray:

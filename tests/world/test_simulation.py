@@ -1,3 +1,5 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -121,3 +123,19 @@ def test_dead_reckoning_variances_against_simulation():
     assert told[1] == pytest.approx(0.05**2)
     for t in (1, 5, 15, 29):
         assert runs[:, t].var(axis=0).mean() == pytest.approx(told[t], rel=0.13)
+
+
+def test_dead_reckoning_variances_are_the_sum_over_all_earlier_steps():
+    """Pair by pair, far from the origin, and without an array of all pairs."""
+    rng, scenario = np.random.default_rng(1), Scenario()
+    poses = np.cumsum(rng.normal(size=(200, 3)), axis=0) + np.array([1e4, -1e5, 0.0])
+    squares = np.sum((poses[:, None, :2] - poses[:, :2]) ** 2, axis=2)
+    turned = [squares[t, 1 : t + 1].sum() for t in range(200)]
+    expected = np.arange(200) * 0.05**2 + 0.5 * 0.01**2 * np.array(turned)
+    got = dead_reckoning.dead_reckoning_variances(poses, scenario)
+    assert np.allclose(got, expected, rtol=1e-12, atol=0)
+    tracemalloc.start()
+    dead_reckoning.dead_reckoning_variances(rng.normal(size=(10_000, 3)), scenario)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 200 * 10_000  # bytes: a few numbers a pose
