@@ -14,11 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special, stats
 
+from sngr_utils.numerics.jit import compile_once
+from sngr_utils.slam.factors import range_derivatives
 from sngr_utils.slam.selected_inverse import ChainCovariance
 from sngr_utils.sngr.windows import WIDTH, n_windows
 from sngr_utils.world.simulation import World
 
 NO_FREEDOM = 1e-3  # of a residual's variance: below it the fit takes up the error, and hides it
+AT_ONCE = 1000  # windows whose leverage is held in memory at a time
 
 
 @dataclass(frozen=True)
@@ -64,23 +67,54 @@ def chi_square(
     Rao & Mitra, Generalized Inverse of Matrices, 1971, section 9.2 (the law of q).
     """
     used = np.flatnonzero(np.isfinite(landmarks[world.label_of, 0]))
-    rows, residuals = _whitened(world, poses, landmarks, used)
-    pose_of, first = world.pose_of[used], np.arange(n_windows(len(poses)))
+    pose_of, label_of = world.pose_of[used], world.label_of[used]
+    distances, by_pose, by_landmark = range_derivatives(poses[pose_of], landmarks[label_of])
+    sigma = world.scenario.range_sigma
+    rows, residuals = np.hstack([by_pose, by_landmark]) / sigma, world.ranges[used] - distances
+    first = np.arange(n_windows(len(poses)))
     start, stop = np.searchsorted(pose_of, first), np.searchsorted(pose_of, first + WIDTH)
-    place = np.arange((stop - start).max())  # shorter windows are filled up with rows of zeros
-    filled = start[:, None] + place < stop[:, None]
-    index = np.where(filled, start[:, None] + place, 0)
-    jacobian = np.zeros((*index.shape, 3 * WIDTH + 2 * len(landmarks)))
-    window, slot = np.nonzero(filled)
-    which = index[filled]
-    for i in range(3):
-        jacobian[window, slot, 3 * (pose_of[which] - window) + i] = rows[which, i]
-    jacobian[window, slot, 3 * WIDTH :] = rows[which, 3:]
-    leverage = jacobian @ _joint(covariance) @ jacobian.transpose(0, 2, 1)
-    whitened = np.where(filled, residuals[index], 0.0)
-    statistic, rank = quadratic_form(whitened, np.eye(len(place)) - leverage)
-    squares, count = np.sum(whitened**2, axis=1), stop - start
-    return ChiSquare(statistic, rank - np.sum(~filled, axis=1), squares, count)
+    most, parts = (stop - start).max(), []
+    for some in np.array_split(first, -(-len(first) // AT_ONCE)):
+        filled = start[some, None] + np.arange(most) < stop[some, None]
+        index = np.where(filled, start[some, None] + np.arange(most), 0)
+        leverage = np.zeros((len(some), most, most))
+        _leverage(
+            start[some], stop[some], pose_of, label_of, rows, covariance.poses, covariance.first,
+            covariance.second, covariance.pose_landmark, covariance.landmarks, leverage,
+        )  # fmt: skip
+        # shorter windows are filled up with zeros
+        whitened = np.where(filled, residuals[index] / sigma, 0.0)
+        statistic, rank = quadratic_form(whitened, np.eye(most) - leverage)
+        parts.append((statistic, rank - np.sum(~filled, axis=1), np.sum(whitened**2, axis=1)))
+    statistic, rank, squares = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return ChiSquare(statistic, rank, squares, stop - start)
+
+
+@compile_once
+def _leverage(start, stop, pose_of, label_of, rows, own, first, second, cross, landmarks, out):
+    """A_w Sigma_w A_w^T of N windows into `out`, (N, n, n), from the blocks of Sigma_w it needs.
+
+    rows : (M, 4) derivatives of whitened ranges by their position, body frame, and landmark
+    own, first, second, cross, landmarks : the fields of `ChainCovariance`
+    """
+    for w in range(len(start)):
+        for a in range(start[w], stop[w]):
+            for b in range(start[w], a + 1):  # the pose of b is no later than that of a
+                s, t, j_b, j_a = pose_of[b], pose_of[a], 2 * label_of[b], 2 * label_of[a]
+                total = 0.0
+                for i in range(2):
+                    for j in range(2):
+                        if t == s:
+                            pose = own[s, i, j]
+                        elif t == s + 1:
+                            pose = first[s, i, j]
+                        else:
+                            pose = second[s, i, j]
+                        total += rows[b, i] * pose * rows[a, j]
+                        total += rows[b, i] * cross[s, i, j_a + j] * rows[a, 2 + j]
+                        total += rows[a, i] * cross[t, i, j_b + j] * rows[b, 2 + j]
+                        total += rows[b, 2 + i] * landmarks[j_b + i, j_a + j] * rows[a, 2 + j]
+                out[w, a - start[w], b - start[w]] = out[w, b - start[w], a - start[w]] = total
 
 
 def quadratic_form(residuals: np.ndarray, covariances: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -114,40 +148,3 @@ def log_tail(statistic: np.ndarray, rank: np.ndarray) -> np.ndarray:
     with np.errstate(divide="ignore"):
         exact = stats.chi2.logsf(statistic, rank)
     return np.where(exact > -600, exact, series)
-
-
-def _whitened(
-    world: World, poses: np.ndarray, landmarks: np.ndarray, used: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Jacobian rows [pose | landmarks] (n, 3 + 2K) and residuals (n,) of the ranges `used`.
-
-    Both in units of the range sigma; the pose's tangent is in its own body frame.
-    """
-    own, label = poses[world.pose_of[used]], world.label_of[used]
-    offset = landmarks[label] - own[:, :2]
-    distance = np.linalg.norm(offset, axis=1)
-    ahead = offset / distance[:, None]
-    cos, sin = np.cos(own[:, 2]), np.sin(own[:, 2])
-    rows = np.zeros((len(used), 3 + 2 * len(landmarks)))
-    rows[:, 0] = -cos * ahead[:, 0] - sin * ahead[:, 1]
-    rows[:, 1] = sin * ahead[:, 0] - cos * ahead[:, 1]
-    for i in range(2):
-        rows[np.arange(len(used)), 3 + 2 * label + i] = ahead[:, i]
-    sigma = world.scenario.range_sigma
-    return rows / sigma, (world.ranges[used] - distance) / sigma
-
-
-def _joint(covariance: ChainCovariance) -> np.ndarray:
-    """(N, 9 + 2K, 9 + 2K) joint covariance of each window's poses and all landmarks.
-
-    Zero where a landmark is absent: no range used touches it.
-    """
-    n, size = len(covariance.second), len(covariance.landmarks)
-    poses = 3 * WIDTH
-    joint = np.empty((n, poses + size, poses + size))
-    joint[:, :poses, :poses] = covariance.windows
-    for i in range(WIDTH):
-        joint[:, 3 * i : 3 * i + 3, poses:] = covariance.pose_landmark[i : i + n]
-    joint[:, poses:, :poses] = joint[:, :poses, poses:].transpose(0, 2, 1)
-    joint[:, poses:, poses:] = covariance.landmarks
-    return np.nan_to_num(joint, nan=0.0)

@@ -53,3 +53,30 @@ def sure_factors(
         sigma = conventions.landmark_prior_sigma
         factors.push_back(landmark_prior(k, landmarks[k], sigma))
     return factors
+
+
+def range_derivatives(
+    poses: np.ndarray, landmarks: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Distances between poses and landmarks, and their derivatives, of arrays that broadcast.
+
+    The residual of a range factor is this distance less the measured one. `information` has the
+    same compiled, for one pair at a time.
+
+    Parameters
+    ----------
+    poses : (..., 3), [m, m, rad]
+    landmarks : (..., 2), [m]
+
+    Returns
+    -------
+    distances : (...), [m]
+    by_pose : (..., 2) by the position in the pose's own body frame; by the heading it is 0
+    by_landmark : (..., 2) the unit vector from the pose to the landmark
+    """
+    offsets = landmarks - poses[..., :2]
+    distances = np.linalg.norm(offsets, axis=-1)
+    ahead = offsets / distances[..., None]
+    cos, sin = np.cos(poses[..., 2]), np.sin(poses[..., 2])
+    x, y = ahead[..., 0], ahead[..., 1]
+    return distances, np.stack([-cos * x - sin * y, sin * x - cos * y], axis=-1), ahead

@@ -1,5 +1,6 @@
 """The chi-square of a window's ranges against a dense linear problem, and its law."""
 
+import tracemalloc
 from dataclasses import replace
 
 import gtsam
@@ -11,7 +12,7 @@ from scipy import special, stats
 from sngr_utils.detection import leverage
 from sngr_utils.slam import conventions, isam2, selected_inverse
 from sngr_utils.sngr import windows
-from sngr_utils.world import scenario, simulation
+from sngr_utils.world import dead_reckoning, scenario, simulation
 
 C = conventions.PRESETS["C"]
 
@@ -145,3 +146,31 @@ def test_tail_is_exact_far_out(rank):
         expected = special.logsumexp(k * np.log(x) - special.gammaln(k + 1)) - x
         got = leverage.log_tail(np.array([statistic]), np.array([rank]))[0]
         assert got == pytest.approx(expected, rel=1e-6)
+
+
+def test_windows_a_few_at_a_time_are_the_same(solved, monkeypatch):
+    once = chi_square_of(*solved)
+    monkeypatch.setattr(leverage, "AT_ONCE", 3)
+    parts = chi_square_of(*solved)
+    assert np.allclose(once.statistic, parts.statistic, rtol=1e-12)
+    assert np.array_equal(once.rank, parts.rank)
+    assert np.array_equal(once.count, parts.count)
+
+
+def test_landmarks_that_a_window_does_not_see_cost_it_nothing():
+    """150 landmarks, three of them in reach of a pose: no block of all for every window."""
+    n_poses, n_landmarks, rng = 300, 150, np.random.default_rng(0)
+    poses = np.column_stack([np.arange(n_poses), np.zeros(n_poses), np.zeros(n_poses)])
+    landmarks = np.column_stack([2.0 * np.arange(n_landmarks), rng.uniform(1, 4, n_landmarks)])
+    distances = np.linalg.norm(poses[:, None, :2] - landmarks, axis=2)
+    pose_of, label_of = np.nonzero(distances < 4)
+    drawn = simulation.World(
+        poses, landmarks, dead_reckoning.relative_motion(poses), pose_of, label_of, label_of,
+        distances[pose_of, label_of], scenario.Scenario(), poses[0],
+    )  # fmt: skip
+    covariance = selected_inverse.covariance_at(poses, landmarks, drawn, C)
+    tracemalloc.start()
+    leverage.chi_square(drawn, poses, landmarks, covariance)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 0.02 * 8 * n_poses * (9 + 2 * n_landmarks) ** 2
