@@ -1,15 +1,22 @@
-"""Louis' covariance: what an EM estimate knows, less what the associations leave open."""
+"""Louis' covariance: what an EM estimate knows, less what the associations leave open.
+
+Information is sparse: a range touches its own pose and the landmarks it may have come from, so
+that the poses are a chain bordered by the landmarks, and its inverse takes linear time.
+"""
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import L, X
-from scipy import linalg
+from scipy import sparse
+from scipy.sparse import linalg
 
+from sngr_utils.numerics.linalg import invert
 from sngr_utils.robust.association import NEGLIGIBLE, weighted_factors
-from sngr_utils.slam import solution
+from sngr_utils.slam import information, solution
+from sngr_utils.slam.factors import range_derivatives
 from sngr_utils.world import simulation
 
 MOST_MISSING = 0.9  # of the information in any direction, see `position_covariances`
+IMPOSSIBLE = 1e-18  # responsibilities below it are no part of a score's covariance
 
 
 def position_covariances(
@@ -21,58 +28,141 @@ def position_covariances(
 ) -> np.ndarray:
     """(T, 2, 2) position covariances in the world frame, [m^2], associations integrated out.
 
-    The information is that of the weighted graph less what the unknown associations withhold,
-    the covariance of its score over them, range by range. Where they withhold more than 90 % in
-    a direction, the posterior is no Gaussian about this estimate, and 10 % are kept.
+    The information is that of the weighted graph, C, less what the unknown associations
+    withhold: M, the covariance of its score over them, range by range. Where they withhold more
+    than 90 % in a direction (d with M d = share C d), the posterior is no Gaussian about this
+    estimate, and 10 % are kept.
 
     Source: Louis, JRSS B 44, 1982.
     """
-    ordering = gtsam.Ordering()
-    present = np.flatnonzero(np.isfinite(landmarks[:, 0]))
-    for key in [*(X(t) for t in range(len(poses))), *(L(int(k)) for k in present)]:
-        ordering.push_back(key)
     factors = weighted_factors(sure, the_world, weights, 1.0)
-    jacobian, _ = factors.linearize(solution.values_of(poses, landmarks)).jacobian(ordering)
-    complete = jacobian.T @ jacobian
-    missing = _missing_information(the_world, poses, landmarks, present, weights)
-    if missing.any():
-        share, directions = linalg.eigh(missing, complete)  # their complete information is 1
-        scaled = directions / np.sqrt(1 - np.clip(share, 0, MOST_MISSING))
-        covariance = scaled @ scaled.T
+    complete = _information(factors, solution.values_of(poses, landmarks), len(poses))
+    scores = _scores(the_world, poses, landmarks, weights)
+    if n_above := _n_above(complete, scores, len(poses)):
+        covariances = _capped(complete, scores, n_above, len(poses))
     else:
-        covariance = linalg.inv(complete)
-    blocks = []
-    for t, heading in enumerate(poses[:, 2]):
-        cos, sin = np.cos(heading), np.sin(heading)
-        rotation = np.array([[cos, -sin], [sin, cos]])
-        body = covariance[3 * t : 3 * t + 2, 3 * t : 3 * t + 2]
-        blocks.append(rotation @ body @ rotation.T)
-    return np.array(blocks)
+        covariances = _pose_covariances(complete - scores @ scores.T, len(poses))
+    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    rotations = np.moveaxis(np.array([[cos, -sin], [sin, cos]]), 2, 0)
+    return rotations @ covariances[:, :2, :2] @ rotations.transpose(0, 2, 1)
 
 
-def _missing_information(
-    the_world: simulation.World,
-    poses: np.ndarray,
-    landmarks: np.ndarray,
-    present: np.ndarray,
-    weights: np.ndarray,
-) -> np.ndarray:
-    """(D, D) covariance of the score over the associations; poses first, then landmarks."""
-    size = 3 * len(poses) + 2 * len(present)
-    missing = np.zeros((size, size))
-    open_ranges = np.flatnonzero(weights[:, :-1].max(axis=1) < 1 - NEGLIGIBLE)
-    for m in open_ranges:
-        t, mine = int(the_world.pose_of[m]), weights[m, present]
-        offset = poses[t, :2] - landmarks[present]  # (P, 2)
-        distance = np.linalg.norm(offset, axis=1)
-        unit = offset / distance[:, None]
-        cos, sin = np.cos(poses[t, 2]), np.sin(poses[t, 2])
+def _information(
+    factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, n_poses: int
+) -> sparse.csr_array:
+    """(D, D) Gauss-Newton information, poses first, then the landmarks that are present."""
+    rows, columns, entries = factors.linearize(values).sparseJacobian_()
+    jacobian = sparse.csr_array((entries, (rows.astype(int) - 1, columns.astype(int) - 1)))
+    jacobian = jacobian[:, : values.dim()]  # the last column is the residual
+    n_landmarks = values.dim() - 3 * n_poses  # GTSAM's keys sort landmarks first
+    jacobian = sparse.hstack([jacobian[:, n_landmarks:], jacobian[:, :n_landmarks]])
+    return (jacobian.T @ jacobian).tocsr()
+
+
+def _scores(
+    the_world: simulation.World, poses: np.ndarray, landmarks: np.ndarray, weights: np.ndarray
+) -> sparse.csc_array:
+    """(D, S) sparse V with M = V V^T, the covariance of the score over the associations.
+
+    One column for each source that an open range may have: its score less the mean over all,
+    times the root of its probability. A range from none of the landmarks has no score.
+    """
+    present = np.flatnonzero(np.isfinite(landmarks[:, 0]))
+    pieces, n_columns = [], 0
+    for m in np.flatnonzero(weights[:, :-1].max(axis=1) < 1 - NEGLIGIBLE):
+        t, likely = int(the_world.pose_of[m]), np.flatnonzero(weights[m, present] > IMPOSSIBLE)
+        mine, n = weights[m, present[likely]], len(likely)
+        distance, by_pose, by_landmark = range_derivatives(poses[t], landmarks[present[likely]])
         slope = (the_world.ranges[m] - distance) / the_world.scenario.range_sigma**2
-        scores = np.zeros((len(present), size))
-        scores[:, 3 * t : 3 * t + 2] = unit @ np.array([[cos, -sin], [sin, cos]])
-        for row in range(len(present)):
-            scores[row, 3 * len(poses) + 2 * row :][:2] = -unit[row]
-        scores *= slope[:, None]
-        mean = mine @ scores
-        missing += scores.T @ (mine[:, None] * scores) - np.outer(mean, mean)
-    return missing
+        score = np.zeros((n + 1, 1 + n, 2))  # by the position, and by each of the landmarks
+        score[:n, 0] = slope[:, None] * by_pose
+        score[np.arange(n), 1 + np.arange(n)] = slope[:, None] * by_landmark
+        score = score.reshape(n + 1, -1)
+        chances = np.append(mine, max(1 - mine.sum(), 0.0))
+        centred = np.sqrt(chances)[:, None] * (score - chances @ score)
+        first = 3 * len(poses) + 2 * likely
+        touched = np.concatenate([[3 * t, 3 * t + 1], np.column_stack([first, first + 1]).ravel()])
+        columns = np.repeat(np.arange(n_columns, n_columns + n + 1), len(touched))
+        pieces.append((centred.ravel(), np.tile(touched, n + 1), columns))
+        n_columns += n + 1
+    entries, rows, columns = (
+        map(np.concatenate, zip(*pieces, strict=True)) if pieces else ([], [], [])
+    )
+    size = 3 * len(poses) + 2 * len(present)
+    return sparse.csc_array((entries, (rows, columns)), shape=(size, n_columns))
+
+
+def _n_above(complete, scores, n_poses: int) -> int:
+    """In how many directions is more than `MOST_MISSING` of the information withheld?
+
+    As many as `MOST_MISSING` C - M has negative pivots when the poses are eliminated.
+
+    Source: Sylvester's law of inertia; Haynsworth, Linear Algebra and its Applications 1, 1968.
+    """
+    own, rest, front = _blocks(MOST_MISSING * complete - scores @ scores.T, n_poses)
+    count = 0
+    for mine, others in zip(own, rest, strict=True):
+        mine += front[:3, :3]
+        others[:, 3:] += front[:3, 3:]
+        front[:3], front[:, :3] = 0.0, 0.0
+        count += np.sum(np.linalg.eigvalsh(mine) <= 0)
+        front -= others.T @ np.linalg.solve(mine, others)
+    return int(count + np.sum(np.linalg.eigvalsh(front[3:, 3:]) <= 0))
+
+
+def _blocks(info: sparse.csr_array, n_poses: int) -> tuple[np.ndarray, ...]:
+    """The blocks of a chain's information that `information.eliminate` takes."""
+    size = info.shape[0] - 3 * n_poses
+    own, rest = np.zeros((n_poses, 3, 3)), np.zeros((n_poses, 3, 3 + size))
+    front = np.zeros((3 + size, 3 + size))
+    front[3:, 3:] = info[3 * n_poses :, 3 * n_poses :].toarray()
+    entries = info[: 3 * n_poses].tocoo()
+    t, i, column = entries.row // 3, entries.row % 3, entries.col
+    border = column >= 3 * n_poses
+    here, following = column // 3 == t, ~border & (column // 3 == t + 1)
+    own[t[here], i[here], column[here] % 3] = entries.data[here]
+    rest[t[following], i[following], column[following] % 3] = entries.data[following]
+    rest[t[border], i[border], column[border] - 3 * n_poses + 3] = entries.data[border]
+    return own, rest, front
+
+
+def _pose_covariances(info: sparse.csr_array, n_poses: int) -> np.ndarray:
+    """(T, 3, 3) diagonal blocks of the inverse of a chain's information, [m, m, rad], body frame.
+
+    Raises
+    ------
+    ValueError : it is not positive definite
+    """
+    own, rest, front = _blocks(info, n_poses)
+    information.eliminate(own, rest, front, np.zeros_like(front))
+    joint = front[3:, 3:].copy()
+    invert(joint)
+    front[3:, 3:] = joint
+    information.substitute(own, rest, front, np.empty((max(n_poses - 2, 0), 3, 3)))
+    return own
+
+
+def _capped(complete, scores, n_above: int, n_poses: int) -> np.ndarray:
+    """`_pose_covariances` of C - M, the share of M made `MOST_MISSING` in `n_above` directions.
+
+    Those are few, but their vectors are dense, and C - M may be indefinite. So the terms of M
+    that matter most to them are left out until the rest is sound, and come back by Woodbury's
+    identity, together with what the cap adds.
+    """
+    shares, directions = linalg.eigsh(
+        scores @ scores.T, n_above, complete, which="LA", v0=np.ones(complete.shape[0]),
+        Minv=linalg.LinearOperator(complete.shape, linalg.splu(complete.tocsc()).solve),
+    )  # fmt: skip
+    order = np.argsort(-np.sum((scores.T @ directions) ** 2, axis=1))
+    n = 2 * n_above
+    while _n_above(complete, scores[:, order[n:]], n_poses):
+        n *= 2
+    out, kept = scores[:, order[:n]].toarray(), scores[:, order[n:]]
+    sound = complete - kept @ kept.T
+    update = np.hstack([out, complete @ directions])
+    signs = np.append(np.full(out.shape[1], -1.0), np.maximum(shares - MOST_MISSING, 1e-12))
+    solved = linalg.splu(sound.tocsc()).solve(update)
+    middle = np.diag(1 / signs) + update.T @ solved
+    blocks = solved[: 3 * n_poses].reshape(n_poses, 3, -1)
+    turned = np.linalg.solve(middle, solved[: 3 * n_poses].T).T.reshape(blocks.shape)
+    return _pose_covariances(sound, n_poses) - blocks @ turned.transpose(0, 2, 1)

@@ -1,6 +1,7 @@
 """The posterior over landmarks against enumeration, EM against the oracle, Louis' information."""
 
 import itertools
+import tracemalloc
 from dataclasses import replace
 
 import gtsam
@@ -11,7 +12,7 @@ from scipy import linalg, special, stats
 
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.robust import association, em, losses, louis_covariance, mutual_exclusion
-from sngr_utils.slam import conventions, solution
+from sngr_utils.slam import conventions, landmark_starts, solution
 from sngr_utils.slam.factors import landmark_prior, pose_prior, range_factor, sure_factors
 from sngr_utils.world import scenario, simulation
 
@@ -358,7 +359,8 @@ def test_what_the_associations_withhold_is_the_curvature_of_the_mixture():
         np.array([range_]), scenario.Scenario(range_sigma=sigma), poses[0],
     )  # fmt: skip
     weights = association.responsibilities(drawn, poses, landmarks, 0.4, 1.0, False)
-    missing = louis_covariance._missing_information(drawn, poses, landmarks, np.arange(2), weights)
+    scores = louis_covariance._scores(drawn, poses, landmarks, weights)
+    missing = (scores @ scores.T).toarray()
     unit = landmarks / 1e5
 
     def log_mixture(x, y):
@@ -383,3 +385,57 @@ def test_what_the_associations_withhold_is_the_curvature_of_the_mixture():
         ) / (4 * h**2)  # fmt: skip
     assert np.allclose(complete - missing[:2, :2], -hessian, rtol=1e-3, atol=0.05)
     assert np.abs(missing[:2, :2]).max() > 10
+
+
+def dense(sure, drawn, poses, landmarks, weights):
+    """Louis' covariances by the eigenvectors of the whole pencil, and its largest shares."""
+    factors = association.weighted_factors(sure, drawn, weights, 1.0)
+    values = solution.values_of(poses, landmarks)
+    complete = louis_covariance._information(factors, values, len(poses)).toarray()
+    scores = louis_covariance._scores(drawn, poses, landmarks, weights).toarray()
+    shares, directions = linalg.eigh(scores @ scores.T, complete)
+    scaled = directions / np.sqrt(1 - np.clip(shares, 0, louis_covariance.MOST_MISSING))
+    blocks = []
+    for t, heading in enumerate(poses[:, 2]):
+        rotation = gtsam.Rot2(heading).matrix()
+        own = scaled[3 * t : 3 * t + 2]
+        blocks.append(rotation @ own @ own.T @ rotation.T)
+    return np.array(blocks), shares
+
+
+@pytest.mark.parametrize(("torn", "above"), [(0, 0), (1, 1), (4, 3), (60, 20)])
+def test_louis_covariance_by_blocks_is_that_of_the_whole_pencil(torn, above):
+    """Some ranges made to be torn between their landmark and one that is 0.6 m off: what they
+    withhold exceeds what there is in a few directions, or in many."""
+    drawn = simulation.simulate(scenario.Scenario(), 0.3, rng=np.random.default_rng(101))
+    start = landmark_starts.start_landmarks(drawn, drawn.poses, "grid")
+    weights = association.responsibilities(drawn, drawn.poses, drawn.landmarks, 0.3, 1.0, True)
+    ranges = drawn.ranges.copy()
+    for m in 3 * np.arange(torn):
+        source = drawn.source_of[m]
+        ranges[m] += 0.6
+        weights[m] = 0.0
+        weights[m, [source, (source + 1) % 6]] = 0.7, 0.3
+    drawn = replace(drawn, ranges=ranges)
+    given = sure_factors(drawn, C, start), drawn, drawn.poses, drawn.landmarks, weights
+    expected, shares = dense(*given)
+    assert np.sum(shares > louis_covariance.MOST_MISSING) >= above
+    got = louis_covariance.position_covariances(*given)
+    assert np.allclose(got, expected, rtol=1e-9, atol=1e-9 * expected.max())
+
+
+def test_louis_covariance_needs_no_matrix_of_all_variables():
+    """Four times the poses, four times the memory; the whole matrix would be sixteen times."""
+    peaks = []
+    for n_poses in (200, 800):
+        drawn = simulation.simulate(
+            scenario.Scenario(n_poses=n_poses, n_landmarks=2), 0.2, rng=np.random.default_rng(1)
+        )
+        at = drawn.poses, drawn.landmarks
+        weights = association.responsibilities(drawn, *at, 0.2, 1.0, True)
+        sure = sure_factors(drawn, C, drawn.landmarks)
+        tracemalloc.start()
+        louis_covariance.position_covariances(sure, drawn, *at, weights)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 5 * peaks[0]
