@@ -14,6 +14,9 @@ from sngr_utils.numerics.jit import compile_once
 
 MAX_STEPS = 200
 SAME = 0.1  # places nearer than this share of the best range's standard deviation are one
+DECIDED = 40.0  # nats: a weight of e^-40 is none, in floating point
+MANY = 100  # ranges, up to which a refit costs too little to be spared
+FRESH = 1.02  # times the ranges of the last refit, beyond which there is another one
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,42 @@ def reflect(positions, ranges, variances, landmark):
     there, image_cost, _ = _refit(positions, ranges, 1 / variances, foot - start)
     distinct = math.hypot(here[0] - there[0], here[1] - there[1]) > SAME * sigma
     return here, there, cost, image_cost, spread, distinct
+
+
+@compile_once
+def gaps(positions, ranges, variances, landmark, counts):
+    """Gaps of `Mirror` with the first n of a landmark's ranges, for ascending (C,) counts n.
+
+    A range more raises the cost of a place, and by no more than it costs where that place was.
+    So a gap that is wide stays so until the new ranges have cost what it exceeds `DECIDED` by,
+    and until then that bound is given instead of a refit, from `MANY` ranges on. That holds while
+    the two places are there: where the ranges contradict each other, one may vanish into the
+    other or a second one appear. So all are refitted when there are `FRESH` times the ranges.
+    """
+    out, gap, fitted, seen = np.empty(len(counts)), 0.0, 0, 0
+    here, there, rise, image_rise = landmark, landmark, 0.0, 0.0
+    for c in range(len(counts)):
+        n = counts[c]
+        for i in range(seen, n):
+            rise += _cost(positions[i], ranges[i], variances[i], here)
+            image_rise += _cost(positions[i], ranges[i], variances[i], there)
+        seen = n
+        decided = gap - rise > DECIDED or gap + image_rise < -DECIDED
+        if n <= MANY or n > FRESH * fitted or not decided:
+            here, there, cost, image_cost, _, distinct = reflect(
+                positions[:n], ranges[:n], variances[:n], landmark
+            )
+            gap = image_cost - cost if distinct else math.inf
+            fitted, rise, image_rise = n, 0.0, 0.0
+        out[c] = gap - rise if gap > 0 else gap + image_rise
+    return out
+
+
+@compile_once
+def _cost(position, distance, variance, place):
+    """Half the squared whitened residual of one range, [nats]."""
+    error = math.hypot(place[0] - position[0], place[1] - position[1]) - distance
+    return 0.5 * error * error / variance
 
 
 @compile_once

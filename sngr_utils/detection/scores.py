@@ -86,20 +86,18 @@ def mirror_weight(world: World, poses: np.ndarray, landmarks: np.ndarray) -> np.
     ----------
     poses, landmarks : (T, 3) and (K, 2) estimates, [m, m, rad] and [m]; NaN for absent ones
     """
-    weights = np.zeros(n_windows(len(poses)))
+    first = np.arange(n_windows(len(poses)))
+    weights = np.zeros(len(first))
     variances = np.full(len(world.ranges), world.scenario.range_sigma**2)
     for k in np.flatnonzero(np.isfinite(landmarks[:, 0])):
         mine = world.label_of == k
         seen_from, ranges = world.pose_of[mine], world.ranges[mine]
-        positions = poses[seen_from, :2].copy()
-        for t in range(len(weights)):
-            n = np.searchsorted(seen_from, t + WIDTH)
-            if n == 0 or seen_from[n - 1] < t:
-                continue  # not seen yet, or not by this window
-            found = mirror_image.Mirror(
-                *mirror_image.reflect(positions[:n], ranges[:n], variances[:n], landmarks[k])
-            )
-            weights[t] = max(weights[t], 1 / (1 + np.exp(min(found.gap, 700.0))))
+        counts = np.searchsorted(seen_from, first + WIDTH)
+        seen = np.flatnonzero(np.searchsorted(seen_from, first) < counts)  # by this window
+        gaps = mirror_image.gaps(
+            poses[seen_from, :2].copy(), ranges, variances, landmarks[k], counts[seen]
+        )
+        weights[seen] = np.maximum(weights[seen], 1 / (1 + np.exp(np.minimum(gaps, 700.0))))
     return weights
 
 

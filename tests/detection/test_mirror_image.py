@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from sngr_utils.detection.mirror_image import mirror_test, trajectory_line
+from sngr_utils.detection import mirror_image
+from sngr_utils.detection.mirror_image import _refit, mirror_test, trajectory_line
 
 SIGMA = 0.1
 LINE = np.column_stack([np.linspace(0, 3, 4), np.zeros(4)])
@@ -96,3 +97,36 @@ def test_bad_input_is_named(name, change):
     given = {"positions": LINE, "ranges": ranges, "variances": variances, "landmark": (1.0, 1.0)}
     with pytest.raises(ValueError, match=name):
         mirror_test(**{**given, **change})
+
+
+def test_gaps_of_growing_data_are_those_of_refits():
+    """300 ranges, one in five wrong: where a refit is spared both are beyond doubt."""
+    rng = np.random.default_rng(3)
+    positions = np.column_stack([np.linspace(0, 30, 300), np.linspace(0, 2, 300) ** 2])
+    for landmark in ([12.0, 6.0], [3.0, -2.0]):
+        ranges, variances = seen(positions, np.array(landmark), rng.normal(size=300) * SIGMA)
+        ranges[::5] = rng.uniform(0, 20, 60)
+        counts = np.arange(2, 301)
+        given = positions, ranges, variances, np.array(landmark)
+        gaps = mirror_image.gaps(*given, counts)
+        refits = [mirror_test(*(part[:n] for part in given[:3]), given[3]).gap for n in counts]
+        weights, expected = (1 / (1 + np.exp(np.minimum(x, 700.0))) for x in (gaps, refits))
+        np.testing.assert_allclose(weights, expected, atol=1e-15)
+
+
+def test_refits_are_spared_where_ranges_are_many(monkeypatch):
+    """On a circle nearly all of them: ten times the ranges, and not a hundred times the work."""
+    done = []
+    monkeypatch.setattr(mirror_image, "_refit", lambda *a: done.append(len(a[1])) or _refit(*a))
+    monkeypatch.setattr(mirror_image, "reflect", mirror_image.reflect.py_func)
+    work = {}
+    for n in (100, 1000):
+        angles = np.arange(n) * 0.3
+        positions = 5 * np.column_stack([np.cos(angles), np.sin(angles)])
+        errors = np.random.default_rng(0).normal(size=n) * SIGMA
+        landmark = np.array([1.0, 2.0])
+        done.clear()
+        given = positions, *seen(positions, landmark, errors), landmark
+        mirror_image.gaps.py_func(*given, np.arange(2, n + 1))
+        work[n] = sum(done)
+    assert work[1000] < 10 * work[100]
