@@ -7,14 +7,14 @@ import gtsam
 import joblib
 import numpy as np
 
-from sngr_utils.detection import mirror_image
+from sngr_utils.detection import leverage, mirror_image
 from sngr_utils.experiments import estimators, sampler_contest
 from sngr_utils.online import estimator
 from sngr_utils.sampling import engines
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.targets import compiled
 from sngr_utils.slam import conventions
-from sngr_utils.slam.selected_inverse import selected_inverse
+from sngr_utils.slam.selected_inverse import covariance_at, selected_inverse
 from sngr_utils.world import scenario, simulation
 
 
@@ -48,6 +48,10 @@ def compile_estimators() -> None:
         landmark_prior_sigma=1.0, range_sigma=1.0,
     )  # fmt: skip
     mirror_image.mirror_test(np.zeros((1, 2)), np.ones(1), np.ones(1), np.ones(2))
+    mirror_image.gaps(np.zeros((1, 2)), np.ones(1), np.ones(1), np.ones(2), np.ones(1, int))
+    at = _small().poses, _small().landmarks
+    covariance = covariance_at(*at, _small(), conventions.PRESETS["C"])
+    leverage.chi_square(_small(), *at, covariance)
     _sample("fast")
 
 
