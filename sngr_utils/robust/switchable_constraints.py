@@ -15,7 +15,7 @@ from scipy import integrate, optimize
 from sngr_utils.robust import losses
 from sngr_utils.slam import levenberg_marquardt, solution
 from sngr_utils.slam.conventions import Conventions
-from sngr_utils.slam.factors import sure_factors
+from sngr_utils.slam.factors import range_derivatives, sure_factors
 from sngr_utils.world import simulation
 
 
@@ -112,16 +112,16 @@ def _switched_error(ranges: np.ndarray, column: np.ndarray) -> Callable:
         pose = values.atPose2(keys[0])
         landmarks = np.array([values.atPoint2(key) for key in keys[1 : 1 + n_seen]])
         switches = np.array([values.atDouble(key) for key in keys[1 + n_seen :]])
-        offsets = landmarks[column] - (pose.x(), pose.y())
-        lengths = np.hypot(offsets[:, 0], offsets[:, 1])
-        residuals = lengths - ranges
+        distances, by_position, ahead = range_derivatives(
+            solution.pose_vector(pose), landmarks[column]
+        )
+        residuals = distances - ranges
         if jacobians is not None:
-            ahead = (switches / lengths)[:, None] * offsets
             by_pose = np.zeros((n, 3), order="F")
-            by_pose[:, :2] = -ahead @ pose.rotation().matrix()
+            by_pose[:, :2] = switches[:, None] * by_position
             jacobians[0] = by_pose
             by_landmarks = np.zeros((n_seen, n, 2))
-            by_landmarks[column, rows] = ahead
+            by_landmarks[column, rows] = switches[:, None] * ahead
             by_switches = np.diag(residuals)
             for i in range(n_seen):
                 jacobians[1 + i] = np.asfortranarray(by_landmarks[i])
