@@ -12,6 +12,7 @@ from gtsam.symbol_shorthand import L, X
 from sngr_utils.online import data_association, localisation
 from sngr_utils.online.data_association import DROPPED, Credit
 from sngr_utils.online.smoother import Smoother
+from sngr_utils.robust import association
 from sngr_utils.sampling.targets import place
 from sngr_utils.slam import selected_inverse, solution
 from sngr_utils.slam.conventions import Conventions
@@ -179,8 +180,10 @@ class Belief:
 
         Without the weak priors on landmarks, which sit where each estimate started.
         """
-        exact = data_association.exact(self.data, poses, landmarks)
-        fit = np.logaddexp.reduce(data_association.log_weights(self.data, exact, self.p), axis=1)
+        residuals = association.residuals(self.data, poses, landmarks)
+        variances = np.full(residuals.shape, self.data.scenario.range_sigma**2)
+        joint = association.log_joint(self.data, residuals, variances, self.p)
+        fit = np.logaddexp.reduce(joint, axis=1)
         sure = self.smoother.factors("x0", "odometry")
         return sure.error(solution.values_of(poses, landmarks)) - float(fit.sum())
 

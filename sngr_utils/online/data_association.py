@@ -8,10 +8,11 @@ all landmarks.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special, stats
+from scipy import stats
 
 from sngr_utils.robust import association, mutual_exclusion
 from sngr_utils.slam import selected_inverse
+from sngr_utils.slam.factors import range_derivatives
 from sngr_utils.world.simulation import World
 
 GATE = stats.chi2.ppf(0.99, 1)  # squared normalised innovation that puts a range in question
@@ -60,13 +61,6 @@ def nowhere(n_ranges: int, n_landmarks: int) -> Credit:
     return Credit(used, np.eye(n_landmarks + 1)[used])  # the last column for -1
 
 
-def exact(data: World, poses: np.ndarray, landmarks: np.ndarray) -> Innovations:
-    """Innovations about an estimate that is taken for certain: range noise is all."""
-    distances = np.linalg.norm(poses[data.pose_of, None, :2] - landmarks, axis=2)
-    residuals = data.ranges[:, None] - distances
-    return Innovations(residuals, residuals * 0 + data.scenario.range_sigma**2)
-
-
 def innovations(
     data: World, poses: np.ndarray, landmarks: np.ndarray, used: np.ndarray,
     covariance: selected_inverse.ChainCovariance,
@@ -81,19 +75,14 @@ def innovations(
     Source: prediction without one measurement, from the estimate with it: Cook & Weisberg,
     Residuals and Influence in Regression, 1982, section 2.2.
     """
-    offsets = poses[:, None, :2] - landmarks
-    distances = np.linalg.norm(offsets, axis=2)  # (T, K)
-    units = offsets / distances[..., None]
-    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    rotations = np.moveaxis(np.array([[cos, -sin], [sin, cos]]), 2, 0)
-    body = units @ rotations  # (T, K, 2): the direction in the frame of the pose
+    distances, by_pose, ahead = range_derivatives(poses[:, None], landmarks)  # (T, K, ...)
     n = len(landmarks)
     own = np.array([covariance.landmarks[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(n)])
     cross = covariance.pose_landmark[:, :2].reshape(len(poses), 2, n, 2)
     spread = (
-        np.einsum("tki,tij,tkj->tk", body, covariance.poses[:, :2, :2], body)
-        - 2 * np.einsum("tki,tikj,tkj->tk", body, cross, units)
-        + np.einsum("tki,kij,tkj->tk", units, own, units)
+        np.einsum("tki,tij,tkj->tk", by_pose, covariance.poses[:, :2, :2], by_pose)
+        + 2 * np.einsum("tki,tikj,tkj->tk", by_pose, cross, ahead)
+        + np.einsum("tki,kij,tkj->tk", ahead, own, ahead)
     )
     noise = data.scenario.range_sigma**2
     residuals = data.ranges[:, None] - distances[data.pose_of]
@@ -132,7 +121,7 @@ def decide(
     asked = np.flatnonzero(np.isin(data.pose_of, data.pose_of[doubtful]))
     if len(asked) == 0:
         return Credit(used, weights)
-    logs = log_weights(data, found, p)[asked]
+    logs = association.log_joint(data, found.residuals, found.variances, p)[asked]
     weights[asked] = (
         mutual_exclusion.exclusive_posterior(logs, data.pose_of[asked])
         if exclusive
@@ -147,31 +136,3 @@ def decide(
         good &= best == data.label_of[asked]
     used[asked] = np.where(good, best, DROPPED)
     return Credit(used, weights)
-
-
-def log_weights(data: World, found: Innovations, p: float) -> np.ndarray:
-    """(M, K+1) log of prior times likelihood; the last column is for landmarks not in the map.
-
-    Those may be the source of a range too; it is then uniform up to the longest range seen.
-    """
-    prior = association.log_prior(data.label_of, data.n_landmarks, p)
-    gaussian = -0.5 * (found.squared + np.log(2 * np.pi * found.variances))
-    absent = np.isnan(found.variances[0])
-    logs = np.full((len(prior), data.n_landmarks + 1), -np.inf)
-    logs[:, :-1][:, ~absent] = (prior + gaussian)[:, ~absent]
-    if absent.any():
-        elsewhere = special.logsumexp(prior[:, absent], axis=1)
-        logs[:, -1] = elsewhere - np.log(data.ranges.max())
-    return logs
-
-
-def share_wrong(data: World, credit: Credit, landmarks: np.ndarray, prior: tuple) -> float:
-    """Posterior mean of p under a Beta prior, from the ranges whose landmark is in the map.
-
-    Parameters
-    ----------
-    prior : wrong and right labels that count as seen beforehand
-    """
-    judged = np.flatnonzero(np.isfinite(landmarks[data.label_of, 0]))
-    right = credit.weights[judged, data.label_of[judged]].sum()
-    return float((prior[0] + len(judged) - right) / (sum(prior) + len(judged)))

@@ -17,7 +17,7 @@ from sngr_utils.online import data_association, slips
 from sngr_utils.online.belief import P_PRIOR, SURE, Belief
 from sngr_utils.online.data_association import DROPPED
 from sngr_utils.online.landmarks import drop_landmarks, start_landmarks
-from sngr_utils.robust import em, louis_covariance
+from sngr_utils.robust import association, em, louis_covariance
 from sngr_utils.settings import Checked, Probability
 from sngr_utils.slam import landmark_starts
 from sngr_utils.slam.conventions import Conventions
@@ -157,7 +157,10 @@ class Online:
             belief.data, found, belief.credit.used, belief.p, settings.exclusive, settings.swap
         )
         if settings.p is None:
-            belief.p = data_association.share_wrong(belief.data, credit, belief.landmarks, P_PRIOR)
+            judged = np.isfinite(belief.landmarks[belief.data.label_of, 0])
+            belief.p = association.share_wrong(
+                credit.weights[judged], belief.data.label_of[judged], P_PRIOR
+            )
         used = credit.used
         if newest_only:
             newest = belief.data.pose_of == belief.data.n_poses - 1

@@ -13,6 +13,8 @@ from sngr_utils.robust.mutual_exclusion import exclusive_posterior
 from sngr_utils.slam.factors import range_factor
 from sngr_utils.world import simulation
 
+JEFFREYS = (0.5, 0.5)  # wrong and right labels that count as seen before the first
+LOG_CLUTTER = -np.inf  # log density of a range from no landmark, [1/m]: there is none so far
 NEGLIGIBLE = 1e-3  # responsibilities below it make no factor
 
 
@@ -52,28 +54,55 @@ def responsibilities(
     p : probability of a wrong label, in (0, 1)
     width : of the range noise, in range sigmas
     """
-    sigma = width * the_world.scenario.range_sigma
-    distances = np.linalg.norm(
-        poses[the_world.pose_of, None, :2] - landmarks[None], axis=2
-    )  # (M, K)
-    residuals = (the_world.ranges[:, None] - distances) / sigma
-    gaussian = -0.5 * residuals**2 - np.log(np.sqrt(2 * np.pi) * sigma)
-    prior = log_prior(the_world.label_of, the_world.n_landmarks, p)
-    absent = np.isnan(landmarks[:, 0])
-    uniform = -np.log(the_world.ranges.max())
-    log_weights = np.full((len(prior), prior.shape[1] + 1), -np.inf)
-    log_weights[:, :-1][:, ~absent] = (prior + gaussian)[:, ~absent]
-    if absent.any():
-        log_weights[:, -1] = special.logsumexp(prior[:, absent], axis=1) + uniform
+    found = residuals(the_world, poses, landmarks)
+    variances = np.full(found.shape, (width * the_world.scenario.range_sigma) ** 2)
+    log_weights = log_joint(the_world, found, variances, p)
     if not exclusive:
         return posterior(log_weights)
     return exclusive_posterior(log_weights, the_world.pose_of)
 
 
-def share_wrong(weights: np.ndarray, labels: np.ndarray) -> float:
-    """Expected share of wrong labels, with half a range added on either side."""
+def residuals(the_world: simulation.World, poses: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
+    """(M, K) measured range less the distance to every landmark, [m]; NaN for a NaN landmark."""
+    offsets = landmarks - poses[the_world.pose_of, None, :2]
+    return the_world.ranges[:, None] - np.linalg.norm(offsets, axis=2)
+
+
+def log_joint(
+    the_world: simulation.World, residuals: np.ndarray, variances: np.ndarray, p: float
+) -> np.ndarray:
+    """(M, K+1) log of prior times likelihood of every range over landmarks and "none of these".
+
+    "None" stands for landmarks that are not in the map, whose residuals are NaN: they may be the
+    source all the same, of a range that is uniform up to the longest there is. And it stands for
+    no landmark at all, with `LOG_CLUTTER`.
+
+    Parameters
+    ----------
+    residuals, variances : (M, K), [m] and [m^2]
+    p : probability of a wrong label
+    """
+    prior = log_prior(the_world.label_of, the_world.n_landmarks, p)
+    absent = np.isnan(residuals).all(axis=0)
+    joint = np.full((len(prior), prior.shape[1] + 1), LOG_CLUTTER)
+    gaussian = -0.5 * (residuals**2 / variances + np.log(2 * np.pi * variances))
+    joint[:, :-1] = np.where(absent, -np.inf, prior + gaussian)
+    if absent.any():
+        elsewhere = special.logsumexp(prior[:, absent], axis=1) - np.log(the_world.ranges.max())
+        joint[:, -1] = np.logaddexp(LOG_CLUTTER, elsewhere)
+    return joint
+
+
+def share_wrong(weights: np.ndarray, labels: np.ndarray, prior: tuple = JEFFREYS) -> float:
+    """Posterior mean of the share of wrong labels under a Beta prior.
+
+    Parameters
+    ----------
+    weights : (M, K+1) posterior of every range's source
+    prior : wrong and right labels that count as seen beforehand
+    """
     right = weights[np.arange(len(labels)), labels].sum()
-    return float((len(labels) - right + 0.5) / (len(labels) + 1))
+    return float((prior[0] + len(labels) - right) / (sum(prior) + len(labels)))
 
 
 def weighted_factors(

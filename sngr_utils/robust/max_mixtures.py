@@ -11,7 +11,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
 
-from sngr_utils.robust import losses
+from sngr_utils.robust import association, losses
 from sngr_utils.slam import levenberg_marquardt
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.factors import sure_factors
@@ -75,7 +75,8 @@ def choose_null(the_world: simulation.World, poses: np.ndarray, landmarks: np.nd
     standard deviation. Ranges to a NaN landmark get the landmark -1.
     """
     sigma, null = the_world.scenario.range_sigma, np.sqrt(2) * np.std(the_world.ranges)
-    mine = errors(the_world, poses, landmarks)[np.arange(len(the_world.ranges)), the_world.label_of]
+    rows = np.arange(len(the_world.ranges))
+    mine = association.residuals(the_world, poses, landmarks)[rows, the_world.label_of]
     right = np.log((1 - WRONG_SHARE) / sigma) - 0.5 * (mine / sigma) ** 2
     wrong = np.log(WRONG_SHARE / null) - 0.5 * (mine / null) ** 2
     label = np.where(np.isfinite(mine), the_world.label_of, -1)
@@ -91,16 +92,11 @@ def choose_landmark(
         (len(the_world.ranges), the_world.n_landmarks), WRONG_SHARE / (the_world.n_landmarks - 1)
     )
     weights[np.arange(len(weights)), the_world.label_of] = 1 - WRONG_SHARE
-    scores = np.log(weights) - 0.5 * (errors(the_world, poses, landmarks) / sigma) ** 2
+    residuals = association.residuals(the_world, poses, landmarks)
+    scores = np.log(weights) - 0.5 * (residuals / sigma) ** 2
     best = np.argmax(np.where(np.isfinite(scores), scores, -np.inf), axis=1)
     label = np.where(np.isfinite(scores).any(axis=1), best, -1)
     return label, np.full(len(label), sigma)
-
-
-def errors(the_world: simulation.World, poses: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
-    """(M, K) distance to every landmark less the measured range, [m]; NaN for a NaN landmark."""
-    offsets = landmarks[None] - poses[the_world.pose_of, None, :2]
-    return np.linalg.norm(offsets, axis=2) - the_world.ranges[:, None]
 
 
 def _chosen_ranges(

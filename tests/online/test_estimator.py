@@ -249,16 +249,6 @@ def test_a_vague_prediction_credits_nothing():
     assert (credit.used == data_association.DROPPED).all()
 
 
-def test_share_wrong_is_the_mean_of_a_beta_posterior():
-    data = make(0.0).first(1)
-    weights = np.zeros((6, 7))
-    weights[np.arange(6), data.label_of] = [1, 1, 1, 0.5, 0, 0]
-    landmarks = np.zeros((6, 2))
-    landmarks[5] = np.nan  # absent: its range is not judged
-    credit = data_association.Credit(data.label_of, weights)
-    assert data_association.share_wrong(data, credit, landmarks, (2, 8)) == pytest.approx(3.5 / 15)
-
-
 def test_a_landmark_in_the_wrong_place_is_taken_out():
     state = believed()
     used = np.where(state.credit.used == 2, data_association.DROPPED, state.credit.used)
@@ -341,7 +331,13 @@ def test_bad_settings_are_refused():
         estimator.Settings(p=1.5)
     with pytest.raises(ValueError, match="nested"):
         estimator.Settings(nested="grid")
-    many = simulation.simulate(scenario.Scenario(n_landmarks=15), 0.2, rng=np.random.default_rng(0))
-    with pytest.raises(ValueError, match="n_landmarks is 15"):
-        run(many)
     assert isinstance(run(make(0.0).first(3)).counts, Counter)
+
+
+def test_fifteen_landmarks_and_a_scan_with_one_measured_twice_are_ordinary():
+    short = scenario.Scenario(n_landmarks=15, n_poses=8)
+    drawn = simulation.simulate(short, 0.2, rng=np.random.default_rng(100))
+    twice = drawn.keep(np.sort(np.append(np.arange(len(drawn.ranges)), [20, 75])))
+    found = run(twice)
+    assert len(found.used) == len(drawn.ranges) + 2
+    assert rmse(found, drawn) < 0.3
