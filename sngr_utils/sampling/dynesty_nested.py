@@ -6,6 +6,7 @@ import numpy as np
 from dynesty import NestedSampler
 from dynesty.internal_samplers import RWalkSampler
 
+from sngr_utils.sampling.dynesty_logsumexp import quick_logsumexp
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.weighted_samples import NestedRun
 
@@ -49,7 +50,8 @@ def run_nested(
         sample=walk or CanonicalWalk(walks=settings.walks(dimension)),
         rstate=rng,
     )
-    sampler.run_nested(dlogz=settings.dlogz, print_progress=False)
+    with quick_logsumexp():
+        sampler.run_nested(dlogz=settings.dlogz, print_progress=False)
     results = sampler.results
     return NestedRun(
         samples=results.samples,
