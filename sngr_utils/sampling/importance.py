@@ -11,48 +11,14 @@ import numpy as np
 
 from sngr_utils.numerics.jit import compile_once
 from sngr_utils.numerics.linalg import factorise, solve_lower, solve_upper
+from sngr_utils.sampling.importance_diagnostics import MAX_MODES, MIN_ESS, Diagnostics
 from sngr_utils.sampling.pareto_k_hat import pareto_k_hat
 from sngr_utils.sampling.settings import FastSettings
 from sngr_utils.sampling.targets.compiled import Factors, energy, residuals
 
 DEGREES = 10.0  # of freedom of the proposal's Student t components
-MAX_MODES = 8
 SAME_MODE = 1.0  # modes nearer than this in their own standard deviations are one
-MAX_K_HAT = 0.7  # Vehtari et al., Pareto smoothed importance sampling, JMLR 25 (2024)
-MIN_ESS = 200  # effective draws, below which `MORE` times as many are made
 MORE = 20
-
-
-@dataclass(frozen=True)
-class Diagnostics:
-    """Why the fast path may be trusted, or not.
-
-    Attributes
-    ----------
-    n_modes : modes found
-    converged : share of the starts whose optimisation converged
-    k_hat : shape of the Pareto tail of the weights; blind to a mode that no draw has visited
-    ess : effective number of draws
-    """
-
-    n_modes: int
-    converged: float
-    k_hat: float
-    ess: float
-
-    @property
-    def objections(self) -> list[str]:
-        """What speaks against the result; empty if nothing does."""
-        return [
-            text
-            for text, bad in (
-                ("modes", self.n_modes >= MAX_MODES),
-                ("starts", self.converged < 0.9),
-                ("k-hat", not self.k_hat <= MAX_K_HAT),
-                ("ESS", self.ess < MIN_ESS),
-            )
-            if bad
-        ]
 
 
 class NoModeError(ValueError):

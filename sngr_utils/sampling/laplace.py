@@ -6,7 +6,8 @@ import numpy as np
 from scipy.special import gammaln
 
 from sngr_utils.numerics.derivatives import STEP, derivatives
-from sngr_utils.sampling.importance import DEGREES, MAX_K_HAT
+from sngr_utils.sampling.importance import DEGREES
+from sngr_utils.sampling.importance_diagnostics import MAX_K_HAT
 from sngr_utils.sampling.pareto_k_hat import pareto_k_hat
 from sngr_utils.sampling.targets.compiled import Factors, log_likelihoods
 from sngr_utils.sampling.weighted_samples import NestedRun
