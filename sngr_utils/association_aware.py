@@ -136,9 +136,9 @@ def few_poses(config: Config) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, 
         )  # fmt: skip
         rng = np.random.default_rng([config.first_seed, n])
         cloud = localisation.sample(evidence, rng=rng)
-        drawn = rng.choice(len(cloud.points), 600, p=cloud.weights / cloud.weights.sum())
+        drawn = rng.choice(len(cloud.samples), 600, p=cloud.weights / cloud.weights.sum())
         mass = localisation.modes(cloud, evidence)[0].mass
-        panels.append((cloud.points[drawn], anchors, the_world.landmarks[k], mass))
+        panels.append((cloud.samples[drawn], anchors, the_world.landmarks[k], mass))
     return panels
 
 

@@ -224,7 +224,7 @@ def _noop(config: Config, preset: str, seed: int) -> pd.DataFrame:
     return table.assign(preset=preset, seed=seed)
 
 
-def bimodality_readings(runs: Sequence[weighted_samples.NestedRun]) -> pd.DataFrame:
+def bimodality_readings(runs: Sequence[weighted_samples.WeightedSamples]) -> pd.DataFrame:
     """The bimodality coefficient of y by reading, one row per run of notebook 01's experiment."""
     return pd.DataFrame([
         sampler_numbers.bimodality_readings(run.samples[:, 1], run.weights) for run in runs

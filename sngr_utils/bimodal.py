@@ -20,7 +20,7 @@ from sngr_utils.world.two_anchors import TwoAnchors
 if TYPE_CHECKING:
     from dynesty.results import Results
 
-    from sngr_utils.sampling.weighted_samples import NestedRun
+    from sngr_utils.sampling.weighted_samples import WeightedSamples
 
 
 class Config(TwoAnchors, SamplerSettings):
@@ -54,14 +54,14 @@ class Result:
     loglik_map: float
     loglik_best: float
     covariance: np.ndarray
-    runs: list[NestedRun]
+    runs: list[WeightedSamples]
     samples: np.ndarray
     weights: np.ndarray
     upper_masses: np.ndarray
     resampled_error: float
 
     @property
-    def run(self) -> NestedRun:
+    def run(self) -> WeightedSamples:
         """The first of the repeated runs, which the figures show."""
         return self.runs[0]
 
@@ -131,7 +131,7 @@ def upper_mass(results: Results, height: float) -> float:
 
 
 def resampled_mass_error(
-    run: NestedRun, height: float, n: int = 50, *, rng: np.random.Generator
+    run: WeightedSamples, height: float, n: int = 50, *, rng: np.random.Generator
 ) -> float:
     """Standard error of `upper_mass` by resampling the strands of one run.
 

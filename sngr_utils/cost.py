@@ -20,7 +20,7 @@ from sngr_utils.world.scenario import Scenario
 if TYPE_CHECKING:
     from sngr_utils.experiments.growth import Growth
     from sngr_utils.experiments.refinement_cost import ClosureCost, Cost
-    from sngr_utils.sampling.weighted_samples import NestedRun
+    from sngr_utils.sampling.weighted_samples import WeightedSamples
     from sngr_utils.sngr.baseline import Baseline
 
 
@@ -112,7 +112,7 @@ def middle_window(costs: dict[float, Cost]) -> int:
     return len(next(iter(costs.values())).calls) // 2
 
 
-def single_window(config: Config, t: int) -> NestedRun:
+def single_window(config: Config, t: int) -> WeightedSamples:
     """The nested sampling run of window t at the first p, for settings other than the paper's."""
     from sngr_utils.experiments.refinement_cost import refine_windows
 

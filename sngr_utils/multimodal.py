@@ -10,11 +10,12 @@ from pydantic import Field, model_validator
 
 from sngr_utils.detection.mirror_image import mirror_test
 from sngr_utils.experiments import sampler_contest
-from sngr_utils.sampling import ancestral_priors, weighted_samples
+from sngr_utils.sampling import ancestral_priors
 from sngr_utils.sampling.modes import find_modes, ring_starts
 from sngr_utils.sampling.reference import N_ANGLES, N_RADII, landmark_reference, polar_grid
 from sngr_utils.sampling.targets.ambiguous_window import Window, window_of
 from sngr_utils.sampling.targets.landmark import Landmark, landmark_of
+from sngr_utils.sampling.weighted_samples import WeightedSamples
 from sngr_utils.settings import Positive, Probability, Seed
 from sngr_utils.slam import conventions, selected_inverse
 from sngr_utils.sngr import trigger, windows
@@ -161,9 +162,9 @@ def _landmark_rows(config: Config, seed: int, n: int) -> list[dict]:
         target = config.landmark(seed, label, n)
         reference = landmark_reference(target)
         modes = find_modes(target, ring_starts(target))
-        masses = np.sort(reference.masses(modes.label(reference.points), len(modes.places)))
+        masses = np.sort(reference.masses(modes.label(reference.samples), len(modes.places)))
         kl, kl_error = reference.divergence(lambda x, modes=modes: modes.log_gaussian(0, x))
-        mean, covariance = reference.moments
+        mean, covariance = reference.mean, reference.covariance
         moments = ancestral_priors.gaussian(mean, covariance, 1.0).log_density
         test = mirror_test(target.positions, target.ranges, target.variances, modes.places[0])
         places.append(modes.places[0])
@@ -246,7 +247,7 @@ def anchor_start(place: str) -> tuple[np.ndarray, np.ndarray]:
     return start, target.gauss_newton_covariance(start)
 
 
-def anchor_runs(config: Config, seed: int, place: str) -> dict[str, weighted_samples.NestedRun]:
+def anchor_runs(config: Config, seed: int, place: str) -> dict[str, WeightedSamples]:
     """Every method on the two anchors, the Gaussian priors about `anchor_start`."""
     rng = np.random.default_rng([seed, 9])
     return sampler_contest.plane_runs(
@@ -320,7 +321,7 @@ def _window_row(config: Config, seed: int, n_ranges: int) -> dict:
     coarse = 2 * sampler_contest.MASS_ERROR  # enough to tell whether there is a second mode
     reference, modes = sampler_contest.window_truth(target, config.n_particles, coarse, rng=rng)
     own = find_modes(target, ancestral_priors.tree(target).draw(sampler_contest.N_STARTS, rng=rng))
-    masses = np.sort(reference.masses(modes.label(reference.points), len(modes.places)))
+    masses = np.sort(reference.masses(modes.label(reference.samples), len(modes.places)))
     kl, kl_error = reference.divergence(lambda x: modes.log_gaussian(0, x))
     shares = np.exp(own.log_masses - np.logaddexp.reduce(own.log_masses))
     to_poses = pose_jacobian(target, modes.places[0])

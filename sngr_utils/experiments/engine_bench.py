@@ -42,26 +42,16 @@ class Contender:
     ----------
     name : as the table shows it
     settings : of its sampler
-    sample : (likelihood, covariance, settings, rng) -> NestedRun
+    sample : (likelihood, covariance, settings, rng) -> WeightedSamples
     repeats : runs for each run of dynesty
     every : takes part in every so many turns
     """
 
     name: str
     settings: SamplerSettings
-    sample: Callable[..., weighted_samples.NestedRun]
+    sample: Callable[..., weighted_samples.WeightedSamples]
     repeats: int = 1
     every: int = 1
-
-
-@dataclass(frozen=True)
-class Reference:
-    """A window's evidence with its standard error, [nats], and its mean and variances (d,)."""
-
-    log_evidence: float
-    error: float
-    mean: np.ndarray
-    variances: np.ndarray
 
 
 def contenders(base: Baseline, settings: SamplerSettings) -> list[Contender]:
@@ -121,16 +111,11 @@ def reference(
     draws: int,
     *,
     rng: np.random.Generator,
-) -> Reference:
-    """Evidence and moments of a window by importance sampling with very many draws."""
+) -> weighted_samples.WeightedSamples:
+    """A window's posterior by importance sampling with very many draws."""
     factors = engines.flattened(likelihood)
     cholesky = np.linalg.cholesky(settings.prior_scale * covariance)
-    fast = FastSettings(n_draws=draws)
-    run = importance.sample(factors, cholesky, fast, rng=rng)
-    weights = np.exp(run.log_weights)
-    mean = weights @ run.samples
-    variances = weights @ (run.samples - mean) ** 2
-    return Reference(run.log_evidence, run.log_evidence_error, mean, variances)
+    return importance.sample(factors, cholesky, FastSettings(n_draws=draws), rng=rng)
 
 
 def compare(
@@ -168,7 +153,7 @@ def _one_run(
     contender: Contender,
     likelihood: LocalLikelihood,
     covariance: np.ndarray,
-    truth: Reference,
+    truth: weighted_samples.WeightedSamples,
     rng: np.random.Generator,
 ) -> tuple[float, ...]:
     """The numbers of `Performance` for one run, with a random stream of its own."""
@@ -176,13 +161,13 @@ def _one_run(
     run, seconds = timed(
         lambda: contender.sample(likelihood, covariance, contender.settings, stream)
     )
-    mean, spread = run.mean, np.diag(run.covariance)
+    mean, spread, variances = run.mean, np.diag(run.covariance), np.diag(truth.covariance)
     return (
         seconds,
         run.calls,
         run.log_evidence - truth.log_evidence,
-        np.sqrt(np.mean((mean - truth.mean) ** 2 / truth.variances)),
-        np.exp(np.mean(np.log(spread / truth.variances))),
+        np.sqrt(np.mean((mean - truth.mean) ** 2 / variances)),
+        np.exp(np.mean(np.log(spread / variances))),
         run.ess_share * len(run.samples),
     )
 
@@ -230,6 +215,6 @@ def _two_mode_runs(
     masses, k_hats = np.empty(runs), np.empty(runs)
     for i, stream in enumerate(rng.spawn(runs)):
         run = importance.sample(flat, np.sqrt(50) * np.eye(2), settings, rng=stream)
-        masses[i] = np.exp(run.log_weights)[run.samples[:, 1] > -0.5].sum()
+        masses[i] = run.weights[run.samples[:, 1] > -0.5].sum()
         k_hats[i] = run.diagnostics.k_hat
     return masses, k_hats

@@ -202,8 +202,8 @@ def _frame(belief: Belief, conventions: Conventions, *, rng: np.random.Generator
         _, evidence = landmarks.witnesses(belief, k, least=1)
         if evidence is not None:
             cloud = localisation.sample(evidence, rng=rng)
-            drawn = rng.choice(len(cloud.points), 300, p=cloud.weights / cloud.weights.sum())
-            clouds[int(k)] = cloud.points[drawn]
+            drawn = rng.choice(len(cloud.samples), 300, p=cloud.weights / cloud.weights.sum())
+            clouds[int(k)] = cloud.samples[drawn]
     return Frame(
         data.poses[:, :2], belief.poses[:, :2], isam2.run_isam2(data, conventions).poses[:, :2],
         belief.landmarks, clouds, data.label_of[newest], belief.credit.used[newest],

@@ -17,7 +17,7 @@ from sngr_utils.sampling.reference import Reference, cells, landmark_reference, 
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.targets.ambiguous_window import Window
 from sngr_utils.sampling.targets.landmark import Landmark
-from sngr_utils.sampling.weighted_samples import NestedRun
+from sngr_utils.sampling.weighted_samples import WeightedSamples
 
 METHODS = ("one Gaussian", "c = 1", "c = 50", "ancestral", "ancestral, reweighted", "many starts")
 SCALES = {"c = 1": 1.0, "c = 50": 50.0}  # of the Gaussian priors, the paper's
@@ -31,7 +31,7 @@ PLANE_DRAWS, WINDOW_DRAWS = 4_000, 10_000  # in a round
 def plane_runs(
     target: Landmark, start: np.ndarray, covariance: np.ndarray, n_live: int,
     *, rng: np.random.Generator,
-) -> dict[str, NestedRun]:  # fmt: skip
+) -> dict[str, WeightedSamples]:  # fmt: skip
     """Every method on a landmark, the Gaussian priors being N(start, c covariance)."""
     modes = find_modes(target, ring_starts(target))
     settings = SamplerSettings(n_live=n_live, min_walks=PLANE_WALKS)
@@ -42,7 +42,7 @@ def plane_runs(
 
 def window_runs(
     target: Window, n_live: int, *, rng: np.random.Generator
-) -> dict[str, NestedRun]:  # fmt: skip
+) -> dict[str, WeightedSamples]:  # fmt: skip
     """Every method on a window, the Gaussian priors about the best of the modes found."""
     tree = ancestral_priors.tree(target)
     modes = find_modes(target, tree.draw(N_STARTS, rng=rng))
@@ -52,7 +52,7 @@ def window_runs(
     return _runs(target, modes, {**priors, "ancestral": tree}, settings, WINDOW_DRAWS, rng)
 
 
-def _runs(target, modes, priors, settings, draws, rng) -> dict[str, NestedRun]:
+def _runs(target, modes, priors, settings, draws, rng) -> dict[str, WeightedSamples]:
     nested = {
         name: ancestral_priors.sample(target, prior, settings, rng=rng)
         for name, prior in priors.items()
@@ -65,7 +65,7 @@ def _runs(target, modes, priors, settings, draws, rng) -> dict[str, NestedRun]:
     }
 
 
-def _reweighted(target, run, draws, rng) -> NestedRun:
+def _reweighted(target, run, draws, rng) -> WeightedSamples:
     """Importance sampling about the places that a run's draws climb to.
 
     Live points drift between places that are far apart, and the masses of nested sampling with
@@ -87,11 +87,11 @@ def window_truth(
     """
     for more in (1, 4, 16, 64):
         reference = window_reference(target, more * n_particles, n_particles, rng=rng)
-        chosen = rng.choice(len(reference.points), TRUTH_STARTS, p=reference.weights)
+        chosen = rng.choice(len(reference.samples), TRUTH_STARTS, p=reference.weights)
         drawn = ancestral_priors.tree(target).draw(TRUTH_STARTS, rng=rng)
-        starts = np.concatenate([drawn, reference.points[chosen]])
+        starts = np.concatenate([drawn, reference.samples[chosen]])
         modes = find_modes(target, starts)
-        error = reference.mass_error(modes.label(reference.points), len(modes.places))
+        error = reference.mass_error(modes.label(reference.samples), len(modes.places))
         if reference.log_evidence_error <= EVIDENCE_ERROR and error <= mass_error:
             break
     return reference, modes
@@ -99,17 +99,17 @@ def window_truth(
 
 def judge(
     reference: Reference, modes: Modes, plane: Callable[[np.ndarray], np.ndarray]
-) -> Callable[[NestedRun], dict[str, float]]:
+) -> Callable[[WeightedSamples], dict[str, float]]:
     """run -> its mass_error (largest over the modes), divergence, evidence_error [nats], calls.
 
     Parameters
     ----------
     plane : (N, d) points to the (N, 2) places over whose cells the divergence is taken, [m]
     """
-    exact = reference.masses(modes.label(reference.points), len(modes.places))
-    parts = cells(plane(reference.points), reference.weights)
+    exact = reference.masses(modes.label(reference.samples), len(modes.places))
+    parts = cells(plane(reference.samples), reference.weights)
 
-    def errors(run: NestedRun) -> dict[str, float]:
+    def errors(run: WeightedSamples) -> dict[str, float]:
         masses = np.bincount(modes.label(run.samples), run.weights, minlength=len(exact))
         return {
             "mass_error": float(abs(masses - exact).max()),

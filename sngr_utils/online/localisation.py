@@ -8,7 +8,7 @@ its weights say that they missed something, nested sampling draws it.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -18,6 +18,7 @@ from sngr_utils.sampling import compiled_nested, importance
 from sngr_utils.sampling.settings import FastSettings
 from sngr_utils.sampling.targets import compiled
 from sngr_utils.sampling.targets.place import Evidence
+from sngr_utils.sampling.weighted_samples import WeightedSamples
 from sngr_utils.slam import landmark_starts
 
 N_LIVE, WALKS, DLOGZ = 100, 25, 0.5  # of the nested sampler, in two dimensions
@@ -27,24 +28,6 @@ MAX_MODES = 4  # what is beyond them is left without a mode
 ENOUGH_MASS = 0.9  # of the first mode: the place is known
 LEAST_GAP = math.log(ENOUGH_MASS / (1 - ENOUGH_MASS))  # nats by which a mirror image is then worse
 CLAIM = stats.chi2.ppf(0.999, 2)  # a mode claims what its Gaussian holds at this level
-
-
-@dataclass(frozen=True)
-class Posterior:
-    """A weighted cloud of places.
-
-    Attributes
-    ----------
-    points : (P, 2) [m]
-    weights : (P,) summing to 1
-    log_densities : (P,) of the posterior, up to a constant, [nats]
-    log_evidence : log of the density of the ranges, [nats]
-    """
-
-    points: np.ndarray
-    weights: np.ndarray
-    log_densities: np.ndarray
-    log_evidence: float
 
 
 def crossing_starts(evidence: Evidence, most: int) -> np.ndarray:
@@ -66,8 +49,12 @@ def crossing_starts(evidence: Evidence, most: int) -> np.ndarray:
 
 def _log_densities(evidence: Evidence, xi: np.ndarray) -> np.ndarray:
     """(P,) of the posterior at (P, 2) offsets from the centre, up to a constant, [nats]."""
-    log_likelihoods = compiled.log_likelihoods(evidence.factors, xi)
-    return log_likelihoods - 0.5 * np.sum(xi**2, axis=1) / evidence.sigma**2
+    return compiled.log_likelihoods(evidence.factors, xi) + _log_prior(evidence, xi)
+
+
+def _log_prior(evidence: Evidence, xi: np.ndarray) -> np.ndarray:
+    """(P,) of the prior at (P, 2) offsets from the centre, up to a constant, [nats]."""
+    return -0.5 * np.sum(xi**2, axis=1) / evidence.sigma**2
 
 
 def mirrored(evidence: Evidence) -> bool:
@@ -104,7 +91,7 @@ def fitting(evidence: Evidence, place: np.ndarray, variances: np.ndarray) -> np.
     return (distances - evidence.ranges) ** 2 < GATE * variances
 
 
-def many_starts(evidence: Evidence, *, rng: np.random.Generator) -> tuple[Posterior, bool]:
+def many_starts(evidence: Evidence, *, rng: np.random.Generator) -> tuple[WeightedSamples, bool]:
     """The posterior by importance sampling about its modes, and whether its weights are sound.
 
     Sound are weights of enough effective draws and without a heavy tail (`importance`).
@@ -118,28 +105,24 @@ def many_starts(evidence: Evidence, *, rng: np.random.Generator) -> tuple[Poster
         evidence.factors, evidence.sigma * np.eye(2), settings,
         crossing_starts(evidence, settings.n_starts) - evidence.centre, rng=rng,
     )  # fmt: skip
-    log_prior = -0.5 * np.sum(found.samples**2, axis=1) / evidence.sigma**2
     doubts = {"k-hat", "ESS"}.intersection(found.diagnostics.objections)
-    return Posterior(
-        found.samples + evidence.centre,
-        np.exp(found.log_weights),
-        found.log_likelihoods + log_prior,
-        found.log_evidence + evidence.ceiling,
-    ), not doubts
+    return _placed(found, evidence), not doubts
 
 
-def sample(evidence: Evidence, *, rng: np.random.Generator) -> Posterior:
+def sample(evidence: Evidence, *, rng: np.random.Generator) -> WeightedSamples:
     """The posterior by nested sampling (`compiled_nested`), about ten milliseconds."""
-    factors = evidence.factors
-    trace = compiled_nested.sample(
-        factors, evidence.sigma * np.eye(2), N_LIVE, WALKS, DLOGZ, rng=rng
+    run = compiled_nested.sample(
+        evidence.factors, evidence.sigma * np.eye(2), N_LIVE, WALKS, DLOGZ, rng=rng
     )
-    log_prior = -0.5 * np.sum(trace.samples**2, axis=1) / evidence.sigma**2
-    return Posterior(
-        trace.samples + evidence.centre,
-        np.exp(trace.log_weights),
-        trace.log_likelihoods + log_prior,
-        trace.log_evidence + evidence.ceiling,
+    return _placed(run, evidence)
+
+
+def _placed(run: WeightedSamples, evidence: Evidence) -> WeightedSamples:
+    """From offsets to places, and to the log of the density of the ranges for the evidence."""
+    return replace(
+        run,
+        samples=run.samples + evidence.centre,
+        log_evidence=run.log_evidence + evidence.ceiling,
     )
 
 
@@ -159,7 +142,7 @@ class Mode:
     mass: float
 
 
-def modes(posterior: Posterior, evidence: Evidence) -> list[Mode]:
+def modes(posterior: WeightedSamples, evidence: Evidence) -> list[Mode]:
     """The modes by falling mass, each of them one Gaussian.
 
     The most likely place that no mode has claimed yet is the next mode. It claims all places
@@ -167,16 +150,17 @@ def modes(posterior: Posterior, evidence: Evidence) -> list[Mode]:
     a ring falls into many modes of little mass, and a mass near one says two things: there is
     one place, and a Gaussian describes it.
     """
-    free = posterior.weights > 0
+    places, free = posterior.samples, posterior.weights > 0
+    log_densities = posterior.log_likelihoods + _log_prior(evidence, places - evidence.centre)
     found = []
     while free.any() and len(found) < MAX_MODES:
-        best = posterior.points[np.argmax(np.where(free, posterior.log_densities, -np.inf))]
-        offsets = posterior.points - best
+        best = places[np.argmax(np.where(free, log_densities, -np.inf))]
+        offsets = places - best
         information = _information(evidence, best)
         own = free & (np.sum(offsets @ information * offsets, axis=1) < CLAIM)
         weights = posterior.weights[own]
-        mean, mass = np.average(posterior.points[own], axis=0, weights=weights), weights.sum()
-        centred = posterior.points[own] - mean
+        mean, mass = np.average(places[own], axis=0, weights=weights), weights.sum()
+        centred = places[own] - mean
         covariance = (weights[:, None] * centred).T @ centred / mass
         found.append(Mode(mean, covariance, float(mass)))
         free &= ~own

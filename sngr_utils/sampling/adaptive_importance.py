@@ -19,7 +19,7 @@ from sngr_utils.sampling.importance import DEGREES
 from sngr_utils.sampling.modes import Modes, inverse_factors
 from sngr_utils.sampling.targets.ambiguous_window import LOG_TAU, Window
 from sngr_utils.sampling.targets.landmark import Landmark
-from sngr_utils.sampling.weighted_samples import NestedRun
+from sngr_utils.sampling.weighted_samples import WeightedSamples
 
 N_CENTRES = 60  # weighted draws that become components
 MAX_DEPTH = 15.0  # nats below the highest mode, from which a mode gets no component
@@ -95,7 +95,7 @@ def at_modes(modes: Modes) -> Mixture:
 
 def draws(
     target: Landmark | Window, modes: Modes, n: int, *, rng: np.random.Generator
-) -> NestedRun:
+) -> WeightedSamples:
     """Rounds of n importance samples, until there are `ENOUGH` effective ones.
 
     The first round only shapes the mixture. The others count by their effective sample sizes.
@@ -123,7 +123,7 @@ def draws(
     shares = np.array(sizes) / sum(sizes)
     log_evidence = float(np.log(shares @ np.exp(np.array(evidences) - evidences[0])) + evidences[0])
     pooled = np.concatenate([s * w for s, w in zip(shares, weights, strict=True)])
-    return NestedRun(
+    return WeightedSamples(
         np.concatenate(points), pooled, np.concatenate(values), log_evidence,
         float(np.sqrt(np.sum((pooled - pooled.mean()) ** 2))), modes.calls + (len(sizes) + 1) * n,
     )  # fmt: skip

@@ -8,7 +8,7 @@ over the prior, so all runs have the same posterior and the same evidence.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtri
@@ -18,7 +18,7 @@ from sngr_utils.sampling.dynesty_nested import run_nested
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.targets.ambiguous_window import LOG_TAU, Window, WindowFactors
 from sngr_utils.sampling.targets.landmark import Landmark, LandmarkFactors, ring_density, ring_place
-from sngr_utils.sampling.weighted_samples import NestedRun
+from sngr_utils.sampling.weighted_samples import WeightedSamples
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def tree(target: Window) -> Prior:
 
 def sample_dynesty(
     target: Landmark | Window, prior: Prior, settings: SamplerSettings, *, rng: np.random.Generator
-) -> NestedRun:
+) -> WeightedSamples:
     """Nested sampling of a target inside a prior, by dynesty.
 
     The likelihood is the target over the prior: what the tree holds already is not counted
@@ -125,7 +125,7 @@ def sample_dynesty(
 
 def sample(
     target: Landmark | Window, prior: Prior, settings: SamplerSettings, *, rng: np.random.Generator
-) -> NestedRun:
+) -> WeightedSamples:
     """`sample_dynesty` with the project's compiled nested sampler, some thirty times as fast.
 
     Raises
@@ -134,11 +134,9 @@ def sample(
     """
     if prior.factors is None:
         raise ValueError("prior is the tree of an unknown landmark: only dynesty samples it")
-    trace = compiled_nested.sample(
+    run = compiled_nested.sample(
         prior.factors(target), prior.lower, settings.n_live, settings.walks(prior.dimension),
         settings.dlogz, rng=rng,
     )  # fmt: skip
-    normals = np.linalg.solve(prior.lower, trace.samples.T).T
-    points = np.array([prior.push(z) for z in normals])
-    return NestedRun(points, np.exp(trace.log_weights), trace.log_likelihoods,
-                     trace.log_evidence, trace.log_evidence_error, trace.calls)  # fmt: skip
+    normals = np.linalg.solve(prior.lower, run.samples.T).T
+    return replace(run, samples=np.array([prior.push(z) for z in normals]))

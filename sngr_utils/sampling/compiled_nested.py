@@ -7,34 +7,15 @@ other tuple of arrays that `evaluate` has been taught (`window_target`).
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from sngr_utils.numerics.jit import compile_once
 from sngr_utils.sampling.targets.compiled import Factors, energy_at, evaluate
+from sngr_utils.sampling.weighted_samples import WeightedSamples
 
 HOP = 0.05  # share of steps of a full difference of live points, which can change the mode
 TARGET_ACCEPTANCE = 0.2
-
-
-class Trace(NamedTuple):
-    """All points of a run, in order of falling energy (rising likelihood).
-
-    Attributes
-    ----------
-    samples : (N, d) xi
-    log_likelihoods, log_weights : (N,); the weights of a posterior sample, normalised
-    log_evidence, log_evidence_error : log Z and sqrt(H / n_live), [nats]
-    calls : likelihood calls
-    """
-
-    samples: np.ndarray
-    log_likelihoods: np.ndarray
-    log_weights: np.ndarray
-    log_evidence: float
-    log_evidence_error: float
-    calls: int
 
 
 @compile_once
@@ -135,7 +116,7 @@ def sample(
     dlogz: float,
     *,
     rng: np.random.Generator,
-) -> Trace:
+) -> WeightedSamples:
     """Nested sampling of the likelihood in `factors` under the prior N(0, L L^T) on xi.
 
     Parameters
@@ -144,6 +125,10 @@ def sample(
     cholesky : (d, d) lower-triangular L
     n_live, dlogz : as in `settings.SamplerSettings`
     walks : steps of each random walk
+
+    Returns
+    -------
+    all points of the run as xi, by rising likelihood; the error of log Z is sqrt(H / n_live)
 
     Source: Skilling, Bayesian Analysis 1 (2006) 833.
     """
@@ -157,7 +142,7 @@ def sample(
     log_likelihoods = -energies
     log_weights = log_likelihoods + log_shell
     log_evidence = np.logaddexp.reduce(log_weights)
-    log_weights -= log_evidence
-    information = np.exp(log_weights) @ log_likelihoods - log_evidence
+    weights = np.exp(log_weights - log_evidence)
+    information = weights @ log_likelihoods - log_evidence
     error = math.sqrt(max(information, 0.0) / n_live)
-    return Trace(samples, log_likelihoods, log_weights, float(log_evidence), error, calls)
+    return WeightedSamples(samples, weights, log_likelihoods, float(log_evidence), error, calls)

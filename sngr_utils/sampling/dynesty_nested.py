@@ -8,7 +8,7 @@ from dynesty.internal_samplers import RWalkSampler
 
 from sngr_utils.sampling.dynesty_logsumexp import quick_logsumexp
 from sngr_utils.sampling.settings import SamplerSettings
-from sngr_utils.sampling.weighted_samples import NestedRun
+from sngr_utils.sampling.weighted_samples import WeightedSamples
 
 
 class CanonicalWalk(RWalkSampler):
@@ -33,7 +33,7 @@ def run_nested(
     walk: RWalkSampler | None = None,
     *,
     rng: np.random.Generator,
-) -> NestedRun:
+) -> WeightedSamples:
     """Static nested sampling by dynesty with random walks (paper, section "Refinement").
 
     Parameters
@@ -53,7 +53,7 @@ def run_nested(
     with quick_logsumexp():
         sampler.run_nested(dlogz=settings.dlogz, print_progress=False)
     results = sampler.results
-    return NestedRun(
+    return WeightedSamples(
         samples=results.samples,
         weights=results.importance_weights(),
         log_likelihoods=results.logl,

@@ -3,6 +3,9 @@
 dynesty is the reference; the others are tested against it, and against GTSAM's factors.
 """
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 
 from sngr_utils.sampling import compiled_nested, importance
@@ -12,9 +15,10 @@ from sngr_utils.sampling.prior_transform import prior_transform
 from sngr_utils.sampling.settings import EngineChoice, FastSettings, SamplerSettings
 from sngr_utils.sampling.targets import compiled
 from sngr_utils.sampling.targets.likelihood import LocalLikelihood
-from sngr_utils.sampling.weighted_samples import NestedRun
+from sngr_utils.sampling.weighted_samples import WeightedSamples
 
 ENOUGH_WALKS = 50  # steps at which the evidence has no bias that we can measure
+AUDIT_SHARE = 0.02  # of the windows, drawn at random, that nested sampling checks
 AUDIT_ERRORS = 4.0  # standard errors between two evidences that end the trust in the fast path
 
 
@@ -25,7 +29,7 @@ def sample_window(
     engine: str = "dynesty",
     *,
     rng: np.random.Generator,
-) -> NestedRun:
+) -> WeightedSamples:
     """Sample the posterior of a few variables under N(MAP, c Sigma) (paper eq. "prior").
 
     Parameters
@@ -60,12 +64,14 @@ def sample_factors(
     engine: str,
     *,
     rng: np.random.Generator,
-) -> NestedRun:
+) -> WeightedSamples:
     """`sample_window` from flattened factors, for the three compiled engines."""
     cholesky = np.linalg.cholesky(settings.prior_scale * covariance)
     walks = settings.walks(len(cholesky))
     if engine == "nested":
-        return _nested(factors, cholesky, settings, walks, rng)
+        return compiled_nested.sample(
+            factors, cholesky, settings.n_live, walks, settings.dlogz, rng=rng
+        )
     if engine == "fast":
         return _fast(factors, cholesky, settings, rng)
     return run_nested(
@@ -78,47 +84,29 @@ def sample_factors(
     )
 
 
-def _nested(
-    factors: compiled.Factors,
-    cholesky: np.ndarray,
-    settings: SamplerSettings,
-    walks: int,
-    rng: np.random.Generator,
-    note: str = "",
-) -> NestedRun:
-    trace = compiled_nested.sample(
-        factors, cholesky, settings.n_live, walks, settings.dlogz, rng=rng
-    )
-    return NestedRun(
-        trace.samples, np.exp(trace.log_weights), trace.log_likelihoods, trace.log_evidence,
-        trace.log_evidence_error, trace.calls, note=note,
-    )  # fmt: skip
-
-
 def _fast(
     factors: compiled.Factors,
     cholesky: np.ndarray,
     settings: SamplerSettings,
     rng: np.random.Generator,
-) -> NestedRun:
+) -> WeightedSamples:
     """The fast path where it may be trusted, else the compiled nested sampler."""
-    fast_settings, checked = FastSettings(), None
-    walks = max(ENOUGH_WALKS, settings.walks(len(cholesky)))
+    calls, walks = 0, max(ENOUGH_WALKS, settings.walks(len(cholesky)))
+    nested = partial(
+        compiled_nested.sample, factors, cholesky, settings.n_live, walks, settings.dlogz, rng=rng
+    )
     try:
-        draw = importance.sample(factors, cholesky, fast_settings, rng=rng)
+        draw = importance.sample(factors, cholesky, FastSettings(), rng=rng)
         objections = draw.diagnostics.objections
     except importance.NoModeError:
         objections = ["starts"]
-    if not objections and rng.random() < fast_settings.audit_share:
-        checked = _nested(factors, cholesky, settings, walks, rng)
+    if not objections and rng.random() < AUDIT_SHARE:
+        checked = nested()
+        calls = checked.calls
         spread = np.hypot(draw.log_evidence_error, checked.log_evidence_error)
         if abs(draw.log_evidence - checked.log_evidence) > AUDIT_ERRORS * spread:
             objections = ["audit"]
     if objections:
         note = "nested sampling: the fast path objects to its " + ", ".join(objections)
-        return _nested(factors, cholesky, settings, walks, rng, note)
-    return NestedRun(
-        draw.samples, np.exp(draw.log_weights), draw.log_likelihoods, draw.log_evidence,
-        draw.log_evidence_error, draw.calls + (checked.calls if checked else 0),
-        note="audited" if checked else "",
-    )  # fmt: skip
+        return replace(nested(), note=note)
+    return replace(draw, calls=draw.calls + calls, note="audited" if calls else "")

@@ -5,7 +5,7 @@ it cannot be trusted: see `Diagnostics`.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from sngr_utils.sampling.importance_diagnostics import MAX_MODES, MIN_ESS, Diagn
 from sngr_utils.sampling.pareto_k_hat import pareto_k_hat
 from sngr_utils.sampling.settings import FastSettings
 from sngr_utils.sampling.targets.compiled import Factors, energy, residuals
+from sngr_utils.sampling.weighted_samples import WeightedSamples
 
 DEGREES = 10.0  # of freedom of the proposal's Student t components
 SAME_MODE = 1.0  # modes nearer than this in their own standard deviations are one
@@ -23,30 +24,6 @@ MORE = 20
 
 class NoModeError(ValueError):
     """No optimisation converged to a mode."""
-
-
-@dataclass(frozen=True)
-class Weighted:
-    """Importance samples.
-
-    Attributes
-    ----------
-    samples : (N, d) xi
-    log_likelihoods, log_weights : (N,); the weights normalised
-    log_evidence, log_evidence_error : log Z and its standard error, [nats]
-    calls : likelihood evaluations, those of the optimisation included
-    modes : (m, d) xi of the modes
-    diagnostics : Diagnostics
-    """
-
-    samples: np.ndarray
-    log_likelihoods: np.ndarray
-    log_weights: np.ndarray
-    log_evidence: float
-    log_evidence_error: float
-    calls: int
-    modes: np.ndarray
-    diagnostics: Diagnostics
 
 
 @compile_once
@@ -249,7 +226,7 @@ def sample(
     starts: np.ndarray | None = None,
     *,
     rng: np.random.Generator,
-) -> Weighted:
+) -> WeightedSamples:
     """Importance sampling of the likelihood in `factors` under the prior N(0, L L^T) on xi.
 
     The proposal is a mixture of Student t distributions, one at each mode, in proportion to
@@ -259,6 +236,10 @@ def sample(
     ----------
     cholesky : (d, d) lower-triangular L
     starts : (n, d) xi to optimise from; None for zero, and draws from the prior
+
+    Returns
+    -------
+    xi with their diagnostics; the calls include those of the optimisation
 
     Raises
     ------
@@ -298,7 +279,7 @@ def _draw(
     n_draws: int,
     converged: float,
     rng: np.random.Generator,
-) -> Weighted:
+) -> WeightedSamples:
     """Importance samples from a mixture, its components drawn from in fixed shares."""
     component = np.repeat(np.arange(len(shares)), np.maximum(1, (n_draws * shares).astype(int)))
     n, d = len(component), len(cholesky)
@@ -309,13 +290,12 @@ def _draw(
     weights = np.exp(log_weights - top)
     mean, total = weights.mean(), weights.sum()
     ess = total**2 / np.sum(weights**2)
-    return Weighted(
+    return WeightedSamples(
         samples=x,
+        weights=np.exp(log_weights - top - math.log(total)),
         log_likelihoods=log_likelihoods,
-        log_weights=log_weights - top - math.log(total),
         log_evidence=float(top + math.log(mean)),
         log_evidence_error=float(math.sqrt(weights.var() / n) / mean),
         calls=n,
-        modes=mixture[0] @ cholesky.T,
         diagnostics=Diagnostics(len(shares), converged, pareto_k_hat(weights), float(ess)),
     )

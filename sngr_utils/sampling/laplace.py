@@ -10,7 +10,7 @@ from sngr_utils.sampling.importance import DEGREES
 from sngr_utils.sampling.importance_diagnostics import MAX_K_HAT
 from sngr_utils.sampling.pareto_k_hat import pareto_k_hat
 from sngr_utils.sampling.targets.compiled import Factors, log_likelihoods
-from sngr_utils.sampling.weighted_samples import NestedRun
+from sngr_utils.sampling.weighted_samples import WeightedSamples
 
 MIN_ESS_SHARE = 0.1  # of the draws, below which they are not trusted
 
@@ -71,7 +71,7 @@ def laplace_approximation(
 
 def sample(
     factors: Factors, cholesky: np.ndarray, draws: int, *, rng: np.random.Generator
-) -> NestedRun | None:
+) -> WeightedSamples | None:
     """Importance sampling from a Student t about the Laplace Gaussian at the estimate; None if
     there is no such Gaussian, or if the weights' own diagnostics object to them.
 
@@ -98,7 +98,7 @@ def sample(
     log_weights = log_likelihood + log_prior - log_t + log_ratio
     log_evidence = np.logaddexp.reduce(log_weights) - np.log(draws)
     weights = np.exp(log_weights - log_evidence) / draws
-    run = NestedRun(
+    run = WeightedSamples(
         xi, weights, log_likelihood, float(log_evidence),
         float(np.sqrt(draws * np.var(weights))), draws,
     )  # fmt: skip

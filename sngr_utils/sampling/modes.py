@@ -15,7 +15,7 @@ from sngr_utils.sampling.importance import SAME_MODE
 from sngr_utils.sampling.targets.ambiguous_window import LOG_TAU, Window
 from sngr_utils.sampling.targets.compiled import energy_at
 from sngr_utils.sampling.targets.landmark import Landmark
-from sngr_utils.sampling.weighted_samples import NestedRun
+from sngr_utils.sampling.weighted_samples import WeightedSamples
 
 STEP = 1e-4  # of the differences
 MAX_STEPS, FLAT = 200, 1e-3  # of an ascent, and the slope at which it ends
@@ -155,9 +155,9 @@ def _apart(point: np.ndarray, place: np.ndarray, covariance: np.ndarray) -> floa
     return float(np.sqrt(offset @ np.linalg.solve(covariance, offset)))
 
 
-def laplace_draws(modes: Modes, n: int, *, rng: np.random.Generator) -> NestedRun:
+def laplace_draws(modes: Modes, n: int, *, rng: np.random.Generator) -> WeightedSamples:
     """n draws from the Gaussian at the highest mode, and its evidence."""
     spread = np.linalg.cholesky(modes.covariances[0])
     points = modes.places[0] + rng.standard_normal((n, len(spread))) @ spread.T
-    return NestedRun(points, np.full(n, 1 / n), modes.log_gaussian(0, points),
+    return WeightedSamples(points, np.full(n, 1 / n), modes.log_gaussian(0, points),
                      float(modes.log_masses[0]), float("nan"), modes.calls)  # fmt: skip

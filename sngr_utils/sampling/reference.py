@@ -8,7 +8,7 @@ with very many particles, several of them, so that their spread is their error.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from sngr_utils.metrics.effective_sample_size import effective_sample_size
 from sngr_utils.numerics.jit import compile_once
 from sngr_utils.sampling.targets.ambiguous_window import Window, place, range_term
 from sngr_utils.sampling.targets.landmark import Landmark
+from sngr_utils.sampling.weighted_samples import WeightedSamples
 
 N_RADII, N_ANGLES = 40, 720  # cells of the polar grid
 EMPTY = 1e-14  # mass of a cell that is left out
@@ -23,25 +24,17 @@ REACH = 7.0  # standard deviations of the first range that the grid covers to ei
 
 
 @dataclass(frozen=True)
-class Reference:
-    """A posterior as N weighted points, made of several parts that would each do alone.
+class Reference(WeightedSamples):
+    """Weighted samples of a target, made of several parts that would each do alone.
 
     Attributes
     ----------
-    points, weights : (N, d) and (N,), the weights summing to 1
-    log_density : (N,) log of the normalised posterior density at the points, [nats]
-    part : (N,) int, which part each point is of
-    log_evidence, log_evidence_error : [nats]
+    part : (N,) int, which part each sample is of
     """
 
-    points: np.ndarray
-    weights: np.ndarray
-    log_density: np.ndarray
-    part: np.ndarray
-    log_evidence: float
-    log_evidence_error: float
+    part: np.ndarray = field(kw_only=True)
 
-    def mean(self, values: np.ndarray) -> tuple[float, float]:
+    def expectation(self, values: np.ndarray) -> tuple[float, float]:
         """Posterior mean of (N,) values, and its error from the spread of the parts.
 
         The parts of a grid are grids of twice the step, so theirs bounds the error of the whole;
@@ -56,18 +49,12 @@ class Reference:
 
     def mass_error(self, labels: np.ndarray, n: int) -> float:
         """Largest error of these masses, from the spread of the parts."""
-        return max(self.mean((labels == one).astype(float))[1] for one in range(n))
+        return max(self.expectation((labels == one).astype(float))[1] for one in range(n))
 
     def divergence(self, log_other: Callable[[np.ndarray], np.ndarray]) -> tuple[float, float]:
         """KL(posterior || other), [nats], and its error; `log_other` of (N, d) points."""
-        return self.mean(self.log_density - log_other(self.points))
-
-    @property
-    def moments(self) -> tuple[np.ndarray, np.ndarray]:
-        """(d,) mean and (d, d) covariance"""
-        mean = self.weights @ self.points
-        centred = self.points - mean
-        return mean, (self.weights[:, None] * centred).T @ centred
+        log_density = self.log_likelihoods - self.log_evidence
+        return self.expectation(log_density - log_other(self.samples))
 
 
 def landmark_reference(
@@ -96,8 +83,8 @@ def landmark_reference(
     log_evidence = float(top + np.log(cells.sum()))
     error = float(np.std(np.log(4 * np.bincount(part, cells)), ddof=1) / 2)
     kept = cells > EMPTY * cells.sum()
-    return Reference(points[kept], cells[kept] / cells[kept].sum(),
-                     log_density[kept] - log_evidence, part[kept], log_evidence, error)  # fmt: skip
+    return Reference(points[kept], cells[kept] / cells[kept].sum(), log_density[kept],
+                     log_evidence, error, len(points), part=part[kept])  # fmt: skip
 
 
 def polar_grid(target: Landmark, n_radii: int, n_angles: int) -> tuple[np.ndarray, np.ndarray]:
@@ -144,8 +131,9 @@ def window_reference(
     shares = np.exp(evidences - log_evidence)
     points = np.concatenate([noises for noises, _ in runs])
     part = np.repeat(np.arange(filters), kept)
-    return Reference(points, shares[part] / (filters * kept), target(points) - log_evidence, part,
-                     log_evidence, float(shares.std(ddof=1) / math.sqrt(filters)))  # fmt: skip
+    return Reference(points, shares[part] / (filters * kept), target(points), log_evidence,
+                     float(shares.std(ddof=1) / math.sqrt(filters)),
+                     filters * n * (len(target.odometry) + 1), part=part)  # fmt: skip
 
 
 @compile_once

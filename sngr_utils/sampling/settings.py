@@ -59,9 +59,7 @@ class FastSettings(Checked):
 
     n_starts : optimisations, the first at the MAP, the others at draws from the prior
     n_draws : importance samples
-    audit_share : share of the windows, drawn at random, that nested sampling checks
     """
 
     n_starts: Annotated[int, Field(ge=1)] = 32
     n_draws: Annotated[int, Field(ge=100)] = 600
-    audit_share: Annotated[float, Field(ge=0, le=1)] = 0.02

@@ -22,7 +22,7 @@ from sngr_utils.show.common import legend_above
 
 if TYPE_CHECKING:
     from sngr_utils.bimodal import Config, Result
-    from sngr_utils.sampling.weighted_samples import NestedRun
+    from sngr_utils.sampling.weighted_samples import WeightedSamples
 
 
 def hessian_table(config: Config) -> pd.DataFrame:
@@ -182,7 +182,7 @@ def draw_live_points(ax: Axes, log_volume: np.ndarray, y: np.ndarray) -> None:
     ax.set(xlabel="log prior volume left", ylabel="y of the discarded point [m]")
 
 
-def run_plot(run: NestedRun) -> Figure:
+def run_plot(run: WeightedSamples) -> Figure:
     """dynesty's own summary of a run: live points, likelihood, weight, evidence.
 
     Without its smoothing of the weights, which draws from an unseeded generator.

@@ -8,7 +8,7 @@ import gtsam
 import joblib
 import numpy as np
 
-from sngr_utils.sampling.weighted_samples import NestedRun
+from sngr_utils.sampling.weighted_samples import WeightedSamples
 from sngr_utils.slam import isam2
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.solution import Solution, poses_of
@@ -30,7 +30,7 @@ class Sampling(Protocol):
         Each has its `log_density` at (d,) offsets from the estimate, the window's poses first.
         """
 
-    def sample(self, target: Any, *, rng: np.random.Generator) -> NestedRun:
+    def sample(self, target: Any, *, rng: np.random.Generator) -> WeightedSamples:
         """Weighted samples of one of them."""
 
 

@@ -5,7 +5,7 @@ target is that of `window_posterior`: every factor, once. The gate that goes wit
 `gate.NoiseGate`, which knows the noise of a mean.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -51,7 +51,7 @@ class Corrected:
 
     def sample(
         self, target: window_posterior.Target, *, rng: np.random.Generator
-    ) -> weighted_samples.NestedRun:
+    ) -> weighted_samples.WeightedSamples:
         """About the Laplace Gaussian, or about all modes where that may not be trusted."""
         return sample_target(target, PROPOSAL_SCALE, SamplerSettings(), rng=rng)
 
@@ -63,7 +63,7 @@ def sample_target(
     engine: str = "laplace",
     *,
     rng: np.random.Generator,
-) -> weighted_samples.NestedRun:
+) -> weighted_samples.WeightedSamples:
     """Samples of a target from the prior N(0, scale * covariance), divided out again."""
     sampler = sampler.model_copy(update={"prior_scale": scale, "likelihood_factor": 1.0})
     factors, covariance = aim.corrected(scale), aim.covariance
@@ -76,7 +76,7 @@ def sample_target(
 
 def _many_modes(
     factors: compiled.Factors, cholesky: np.ndarray, rng: np.random.Generator
-) -> weighted_samples.NestedRun:
+) -> weighted_samples.WeightedSamples:
     """Importance sampling about all modes found, for targets that are not one Gaussian.
 
     Modes far apart need long walks in nested sampling (engine "nested", 400 of them, agrees);
@@ -84,7 +84,4 @@ def _many_modes(
     """
     many = FastSettings(n_draws=10 * LAPLACE_DRAWS)
     draw = importance.sample(factors, cholesky, many, rng=rng)
-    return weighted_samples.NestedRun(
-        draw.samples, np.exp(draw.log_weights), draw.log_likelihoods, draw.log_evidence,
-        draw.log_evidence_error, draw.calls, note=", ".join(draw.diagnostics.objections),
-    )  # fmt: skip
+    return replace(draw, note=", ".join(draw.diagnostics.objections))

@@ -11,7 +11,7 @@ from gtsam.symbol_shorthand import X
 from sngr_utils.sampling import engines
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.targets.likelihood import LocalLikelihood
-from sngr_utils.sampling.weighted_samples import NestedRun
+from sngr_utils.sampling.weighted_samples import WeightedSamples
 from sngr_utils.slam.solution import Solution
 from sngr_utils.sngr import closure, windows
 from sngr_utils.sngr.gate import Gate, passes_gate
@@ -34,7 +34,7 @@ class RefinedWindow:
     delta_logp: float
     accepted: bool
     poses: list[gtsam.Pose2]
-    run: NestedRun
+    run: WeightedSamples
 
     @property
     def expected_loss(self) -> float:
@@ -87,7 +87,7 @@ class Paper:
         factor = self.sampler.likelihood_factor
         return [PaperTarget(window_likelihood(solution, t, factor), covariances[t]) for t in which]
 
-    def sample(self, target: PaperTarget, *, rng: np.random.Generator) -> NestedRun:
+    def sample(self, target: PaperTarget, *, rng: np.random.Generator) -> WeightedSamples:
         """Nested sampling of one of them."""
         return engines.sample_window(*target, self.sampler, self.engine, rng=rng)
 
@@ -96,7 +96,7 @@ def judge(
     solution: Solution,
     t: int,
     log_density: Callable[[np.ndarray], float],
-    run: NestedRun,
+    run: WeightedSamples,
     gate: Gate,
 ) -> RefinedWindow:
     """The gate's decision on the mean of a window's samples (paper eq. "gate").

@@ -116,9 +116,9 @@ def test_reference_is_that_of_the_likelihood(noisy):
                         rng=np.random.default_rng(seed))
         for seed in (0, 1)
     )  # fmt: skip
-    spread = np.hypot(first.error, second.error)
+    spread = np.hypot(first.log_evidence_error, second.log_evidence_error)
     assert abs(first.log_evidence - second.log_evidence) < 5 * spread
-    assert np.allclose(first.variances, second.variances, rtol=0.1)
+    assert np.allclose(np.diag(first.covariance), np.diag(second.covariance), rtol=0.1)
 
 
 def test_windows_are_spread_over_those_that_may_trigger():

@@ -153,7 +153,7 @@ def test_the_referee_is_asked_where_a_landmark_would_start_on_weights_that_are_n
     )
     here, _ = localisation.many_starts(evidence, rng=np.random.default_rng(0))
     monkeypatch.setattr(localisation, "many_starts", lambda evidence, rng: (here, sound))
-    scattered = replace(here, points=here.points + np.linspace(-3, 3, len(here.points))[:, None])
+    scattered = replace(here, samples=here.samples + np.linspace(-3, 3, len(here.samples))[:, None])
     monkeypatch.setattr(localisation, "sample", lambda evidence, rng: scattered)
     drawn = belief.Belief(make(0.0).first(1), C)
     found = _locate(drawn, evidence, referee, np.random.default_rng(0))

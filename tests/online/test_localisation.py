@@ -7,6 +7,7 @@ from scipy import stats
 from sngr_utils.detection import mirror_image
 from sngr_utils.online import localisation
 from sngr_utils.sampling.targets import compiled, place
+from sngr_utils.sampling.weighted_samples import WeightedSamples
 from sngr_utils.world import dead_reckoning, scenario, simulation
 
 
@@ -37,15 +38,17 @@ def grid(evidence, cells=200, reach=1.5):
     axis, step = axis * reach * evidence.sigma, step * reach * evidence.sigma
     evidence = replace(evidence, variances=evidence.variances + step**2 / 12)
     xi = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
-    log_densities = compiled.log_likelihoods(evidence.factors, xi)
-    log_densities -= 0.5 * np.sum(xi**2, axis=1) / evidence.sigma**2
+    log_likelihoods = compiled.log_likelihoods(evidence.factors, xi)
+    log_densities = log_likelihoods - 0.5 * np.sum(xi**2, axis=1) / evidence.sigma**2
     total = np.logaddexp.reduce(log_densities)
     norm = np.log(step**2 / (2 * np.pi * evidence.sigma**2))
-    return localisation.Posterior(
+    return WeightedSamples(
         xi + evidence.centre,
         np.exp(log_densities - total),
-        log_densities,
+        log_likelihoods,
         float(total + norm + evidence.ceiling),
+        0.0,
+        len(xi),
     )
 
 
@@ -130,7 +133,7 @@ def test_starts_are_apart_and_the_likeliest_first():
 def masses_of(cloud, evidence):
     """Share of a cloud on one side of the track, and of its first mode."""
     centre, normal = mirror_image.trajectory_line(evidence.anchors)
-    side = cloud.weights[(cloud.points - centre) @ normal > 0].sum()
+    side = cloud.weights[(cloud.samples - centre) @ normal > 0].sum()
     return side / cloud.weights.sum(), localisation.modes(cloud, evidence)[0].mass
 
 

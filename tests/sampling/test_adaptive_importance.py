@@ -76,7 +76,7 @@ def test_bent_modes_of_a_window(n_ranges):
         effective_sample_size.effective_sample_size(run.weights) > 0.7 * adaptive_importance.ENOUGH
     )
     assert run.weights.sum() == pytest.approx(1)
-    exact = reference.masses(modes.label(reference.points), len(modes.places))
+    exact = reference.masses(modes.label(reference.samples), len(modes.places))
     found = np.bincount(modes.label(run.samples), run.weights, minlength=len(exact))
     np.testing.assert_allclose(found, exact, atol=0.05)
     assert abs(run.log_evidence - reference.log_evidence) < 0.1

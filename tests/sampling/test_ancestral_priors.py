@@ -50,7 +50,7 @@ def test_evidence_and_masses_of_a_landmark(n):
         target, ancestral_priors.ring(target), SETTINGS, rng=np.random.default_rng(n)
     )
     assert abs(run.log_evidence - reference.log_evidence) < 4 * run.log_evidence_error
-    exact = reference.masses(modes.label(reference.points), len(modes.places))
+    exact = reference.masses(modes.label(reference.samples), len(modes.places))
     found = np.bincount(modes.label(run.samples), run.weights, minlength=len(exact))
     np.testing.assert_allclose(found, exact, atol=0.15)
 
@@ -102,7 +102,7 @@ def test_evidence_and_masses_of_a_window(n_ranges):
     settings = SamplerSettings(n_live=400, min_walks=50)
     tree = ancestral_priors.tree(target)
     modes = find_modes(target, tree.draw(16, rng=rng))
-    exact = reference.masses(modes.label(reference.points), len(modes.places))
+    exact = reference.masses(modes.label(reference.samples), len(modes.places))
     run = ancestral_priors.sample(target, tree, settings, rng=rng)
     error = math.hypot(run.log_evidence_error, reference.log_evidence_error)
     assert abs(run.log_evidence - reference.log_evidence) < 4 * error + 0.1

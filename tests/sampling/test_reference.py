@@ -43,7 +43,7 @@ def test_integrating_poses_out_to_first_order_is_accurate(n):
     the_world, rng = a_world(), np.random.default_rng(2)
     target = landmark.landmark_of(the_world, SIGMAS, 5.0, 0, n)
     reference = landmark_reference(target)
-    places = reference.points[rng.choice(len(reference.points), 3, p=reference.weights)]
+    places = reference.samples[rng.choice(len(reference.samples), 3, p=reference.weights)]
     mine = np.flatnonzero(the_world.label_of == 0)[:n]
     joint = replace(
         ambiguous_window.window_of(the_world, SIGMAS, 0.0, 1), unknown=True, prior_sigma=5.0,
@@ -108,7 +108,7 @@ def test_quadrature_agrees_with_an_independent_grid_and_knows_its_error():
     assert fine.log_evidence == pytest.approx(independent, abs=1e-6)
     coarse = landmark_reference(target, 8, 40)
     assert 1e-4 < abs(coarse.log_evidence - independent) < 3 * coarse.log_evidence_error
-    upper, error = fine.mean((fine.points[:, 1] > 0).astype(float))
+    upper, error = fine.expectation((fine.samples[:, 1] > 0).astype(float))
     assert upper == pytest.approx(0.5, abs=0.01)
     assert error < 0.01
 
@@ -125,8 +125,9 @@ def gaussian_reference(mean, covariance):
     log_density = stats.multivariate_normal(mean, covariance).logpdf(points)
     weights = np.exp(log_density) * 0.01
     return Reference(
-        points, weights / weights.sum(), log_density, np.arange(len(points)) % 2, 0.0, 0.0
-    )
+        points, weights / weights.sum(), log_density, 0.0, 0.0, len(points),
+        part=np.arange(len(points)) % 2,
+    )  # fmt: skip
 
 
 def test_divergence_and_moments_of_gaussians_have_closed_forms():
@@ -139,7 +140,7 @@ def test_divergence_and_moments_of_gaussians_have_closed_forms():
         + np.linalg.slogdet(other)[1] - np.linalg.slogdet(covariance)[1]
     )  # fmt: skip
     assert reference.divergence(law.logpdf)[0] == pytest.approx(exact, abs=1e-6)
-    mean, spread = reference.moments
+    mean, spread = reference.mean, reference.covariance
     np.testing.assert_allclose(mean, [0.2, -0.1], atol=1e-6)
     np.testing.assert_allclose(spread, covariance, atol=1e-5)
 
@@ -177,7 +178,7 @@ def test_filters_agree_with_plain_draws_from_the_prior():
     error = math.hypot(found.log_evidence_error, plain)
     assert abs(found.log_evidence - math.log(likelihood.mean())) < 5 * error
     last = target.positions(noises)[:, -1, 0]
-    mean, spread = found.mean(target.positions(found.points)[:, -1, 0])
+    mean, spread = found.expectation(target.positions(found.samples)[:, -1, 0])
     assert abs(mean - likelihood @ last / likelihood.sum()) < 5 * spread + 0.01
 
 
@@ -188,12 +189,12 @@ def test_what_is_kept_of_the_particles_stands_for_all():
     runs = [
         window_reference(target, 4000, kept, rng=np.random.default_rng(9)) for kept in (None, 1000)
     ]
-    assert [len(run.points) for run in runs] == [40_000, 10_000]
-    means = [run.mean(target.positions(run.points)[:, -1, 0]) for run in runs]
+    assert [len(run.samples) for run in runs] == [40_000, 10_000]
+    means = [run.expectation(target.positions(run.samples)[:, -1, 0]) for run in runs]
     away = abs(means[0][0] - means[1][0])
     assert away < 5 * math.hypot(means[0][1], means[1][1]) + 0.01
-    labels = (runs[0].points[:, 0] > 0).astype(int)
-    assert runs[0].mass_error(labels, 2) == runs[0].mean(labels.astype(float))[1]
+    labels = (runs[0].samples[:, 0] > 0).astype(int)
+    assert runs[0].mass_error(labels, 2) == runs[0].expectation(labels.astype(float))[1]
 
 
 def test_filters_refuse_an_unknown_landmark():
@@ -206,11 +207,11 @@ def test_filters_refuse_an_unknown_landmark():
 
 def test_cells_share_the_mass_and_tell_a_missed_half():
     reference = gaussian_reference([0.0, 0.0], np.eye(2))
-    parts = cells(reference.points, reference.weights)
+    parts = cells(reference.samples, reference.weights)
     assert len(parts.masses) == 16
     assert parts.masses.sum() == pytest.approx(1)
     assert parts.masses.min() > 0.03
-    again = np.bincount(parts.index(reference.points), reference.weights, minlength=16)
+    again = np.bincount(parts.index(reference.samples), reference.weights, minlength=16)
     np.testing.assert_allclose(again, parts.masses)
     draws, equal = np.random.default_rng(5).standard_normal((4000, 2)), np.full(4000, 1 / 4000)
     assert parts.divergence(draws, equal) < 0.01
