@@ -10,7 +10,7 @@ import numpy as np
 from gtsam.symbol_shorthand import L
 
 from sngr_utils.experiments.bench import CLOSURE_LOOP, WINDOW_LOOP, BenchSettings, Performance
-from sngr_utils.sampling import engines, importance, weighted_samples
+from sngr_utils.sampling import engines, importance, importance_diagnostics, weighted_samples
 from sngr_utils.sampling.settings import FastSettings, SamplerSettings
 from sngr_utils.sampling.targets import compiled
 from sngr_utils.sampling.targets.likelihood import LocalLikelihood
@@ -191,7 +191,7 @@ def two_modes(
     found = {}
     for n_starts in (1, FastSettings().n_starts):
         masses, k_hats = _two_mode_runs(n_starts, runs, rng=rng)
-        found[n_starts] = masses, k_hats <= importance.MAX_K_HAT
+        found[n_starts] = masses, k_hats <= importance_diagnostics.MAX_K_HAT
     return found
 
 
