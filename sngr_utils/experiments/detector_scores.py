@@ -7,7 +7,6 @@ wrong label. All scores are computed from data.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import joblib
 import numpy as np
 import pandas as pd
 
@@ -21,6 +20,7 @@ from sngr_utils.detection.scores import (
     mirror_weight,
 )
 from sngr_utils.detection.thresholds import conformal_threshold, surprise
+from sngr_utils.experiments.many_worlds import map_worlds
 from sngr_utils.robust import em, losses
 from sngr_utils.slam import isam2, levenberg_marquardt, selected_inverse
 from sngr_utils.slam.conventions import PRESETS, Conventions
@@ -144,9 +144,13 @@ def run(
     jobs: int,
 ) -> pd.DataFrame:
     """`window_rows` of all cases and seeds, in their order."""
-    one = joblib.delayed(window_rows)
-    tasks = [one(case, paper, conventions, seed) for case in cases for seed in seeds]
-    return pd.concat(joblib.Parallel(n_jobs=jobs)(tasks), ignore_index=True)
+    worlds = [(case, paper, conventions, seed) for case in cases for seed in seeds]
+    return pd.concat(map(pd.DataFrame, map_worlds(_columns, worlds, jobs)), ignore_index=True)
+
+
+def _columns(*case) -> dict[str, list]:
+    """The columns of `window_rows`."""
+    return window_rows(*case).to_dict("list")
 
 
 def with_either(rows: pd.DataFrame, clean: pd.DataFrame) -> pd.DataFrame:
@@ -174,14 +178,13 @@ def null_rates(
     one row per scenario, preset, seed and estimate ("iSAM2", or "settled" by batch from there):
     fired (share of the windows that may)
     """
-    one = joblib.delayed(_null_rates)
-    tasks = [
-        one(Case(scenario, 0.0), paper, preset, seed, alpha)
+    worlds = [
+        (Case(scenario, 0.0), paper, preset, seed, alpha)
         for scenario in scenarios
         for preset in NULL_PRESETS
         for seed in seeds
     ]
-    rows = [row for found in joblib.Parallel(n_jobs=jobs)(tasks) for row in found]
+    rows = [row for found in map_worlds(_null_rates, worlds, jobs) for row in found]
     return pd.DataFrame(rows, columns=["scenario", "preset", "seed", "estimate", "fired"])
 
 

@@ -9,10 +9,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-import joblib
 import numpy as np
 import pandas as pd
 
+from sngr_utils.experiments.many_worlds import map_worlds
 from sngr_utils.metrics import rmse_and_nees, summaries
 from sngr_utils.robust import em, fastslam, losses, max_mixtures, switchable_constraints
 from sngr_utils.sampling import engines
@@ -196,12 +196,12 @@ def compare(
     ValueError : unknown method or start
     """
     _require_known(methods, starts)
-    tasks = [
-        joblib.delayed(_compare_one)(scenario, conventions, p, seed, methods, starts, particles)
+    cases = [
+        (scenario, conventions, p, seed, methods, starts, particles)
         for p in p_levels
         for seed in seeds
     ]
-    rows = [row for world_rows in joblib.Parallel(n_jobs=jobs)(tasks) for row in world_rows]
+    rows = [row for world_rows in map_worlds(_compare_one, cases, jobs) for row in world_rows]
     columns = ["method", "start", "p", "seed", "pose_rmse", "landmark_rmse", "nees", "seconds"]
     return pd.DataFrame(rows, columns=columns)
 

@@ -7,10 +7,10 @@ the tables are the same serial, in processes or on a cluster, in any order.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-import joblib
 import numpy as np
 import pandas as pd
 
+from sngr_utils.experiments.many_worlds import map_worlds
 from sngr_utils.metrics import cluster_bootstrap, precision_recall, rmse_and_nees
 from sngr_utils.slam import isam2, marginals
 from sngr_utils.slam.conventions import Conventions
@@ -63,14 +63,24 @@ def run_sweep(
     for name, given in {"p_levels": p_levels, "seeds": seeds, "taus": taus}.items():
         _require_distinct(name, given)
     _require_distinct("presets", presets)
-    tasks = [
-        joblib.delayed(_run_one)(scenario, name, presets[name], p, seed, list(taus))
+    heads = [
+        {"preset": name, "p": p, "seed": seed}
         for name in presets
         for p in p_levels
         for seed in seeds
     ]
-    done = joblib.Parallel(n_jobs=jobs)(tasks)
-    return Sweep(*(pd.concat(tables, ignore_index=True) for tables in zip(*done, strict=True)))
+    cases = [(scenario, presets[h["preset"]], h["p"], h["seed"], list(taus)) for h in heads]
+    parts = zip(*map_worlds(_run_one, cases, jobs), strict=True)
+    return Sweep(*(_stacked(heads, part) for part in parts))
+
+
+def _stacked(heads: list[dict], parts: Sequence[Mapping[str, Sequence]]) -> pd.DataFrame:
+    """The columns of all runs one after the other, each row headed by its run's keys."""
+    lengths = [len(next(iter(columns.values()))) for columns in parts]
+    keys = pd.DataFrame(heads)
+    table = {name: np.repeat(keys[name].to_numpy(), lengths) for name in keys}
+    table |= {name: np.concatenate([columns[name] for columns in parts]) for name in parts[0]}
+    return pd.DataFrame(table)
 
 
 def _require_distinct(name: str, given: Iterable) -> None:
@@ -80,24 +90,21 @@ def _require_distinct(name: str, given: Iterable) -> None:
 
 
 def _run_one(
-    scenario: Scenario,
-    preset: str,
-    conventions: Conventions,
-    p: float,
-    seed: int,
-    taus: list[float],
-) -> list[pd.DataFrame]:
-    """The three tables of one run."""
+    scenario: Scenario, conventions: Conventions, p: float, seed: int, taus: list[float]
+) -> list[dict[str, Sequence]]:
+    """The columns of the three tables of one run."""
     run = run_baseline(scenario, conventions, p, seed)
-    tables = [
-        pd.DataFrame([_run_row(run)]),
-        pd.DataFrame([_detection_row(run, tau) for tau in taus]),
-        _window_rows(run),
-    ]
-    for table in tables:
-        for place, (name, value) in enumerate({"preset": preset, "p": p, "seed": seed}.items()):
-            table.insert(place, name, value)
-    return tables
+    return [_columns([_run_row(run)]), _columns([_detection_row(run, tau) for tau in taus]),
+            _window_columns(run)]  # fmt: skip
+
+
+def _columns(rows: list[dict[str, float]]) -> dict[str, list[float]]:
+    return {name: [row[name] for row in rows] for name in rows[0]}
+
+
+def run_rows(scenario: Scenario, conventions: Conventions, p: float, seed: int) -> list[dict]:
+    """The row of `Sweep.runs` of one world, as a study keeps it."""
+    return [{"p": p, "seed": seed, **_run_row(run_baseline(scenario, conventions, p, seed))}]
 
 
 def _run_row(run: Baseline) -> dict[str, float]:
@@ -124,11 +131,11 @@ def _detection_row(run: Baseline, tau: float) -> dict[str, float]:
     return {"tau": tau, "triggered": found.triggered, **counts, **rates}
 
 
-def _window_rows(run: Baseline) -> pd.DataFrame:
+def _window_columns(run: Baseline) -> dict[str, np.ndarray]:
     smallest, largest = trigger.log_extremes(run.covariances).T
     low_cm, high_cm = trigger.log_extremes(trigger.in_units(run.covariances, 100)).T
     place = np.arange(len(run.scores))
-    return pd.DataFrame({
+    return {
         "window": place,
         "score": run.scores,
         "score_cm": high_cm - low_cm,
@@ -136,7 +143,7 @@ def _window_rows(run: Baseline) -> pd.DataFrame:
         "log_lambda_max": largest,
         "failed": run.failed,
         "eligible": place >= trigger.FIRST_ELIGIBLE,
-    })
+    }
 
 
 def nees_variants(
@@ -156,8 +163,8 @@ def nees_variants(
     one row per x0_mean ("truth", "drawn"), frame ("world", "body") and seed: nees
     """
     _require_distinct("seeds", seeds)
-    tasks = [joblib.delayed(_nees_rows)(scenario, conventions, seed) for seed in seeds]
-    rows = [row for world_rows in joblib.Parallel(n_jobs=jobs)(tasks) for row in world_rows]
+    done = map_worlds(_nees_rows, [(scenario, conventions, seed) for seed in seeds], jobs)
+    rows = [row for world_rows in done for row in world_rows]
     return pd.DataFrame(rows, columns=["x0_mean", "frame", "seed", "nees"])
 
 

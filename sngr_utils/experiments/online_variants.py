@@ -4,11 +4,11 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import joblib
 import numpy as np
 import pandas as pd
 
 from sngr_utils.experiments import estimators
+from sngr_utils.experiments.many_worlds import map_worlds
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.online import estimator, landmarks, localisation
 from sngr_utils.online.belief import Belief
@@ -62,10 +62,9 @@ def run_variants(
     credited to another landmark than they came from) and how often what was done, see
     `estimator.OnlineEstimate`
     """
-    one = joblib.delayed(_variants_of_one)
-    tasks = [one(scenario, conventions, settings, p, seed) for p in p_levels for seed in seeds]
-    rows = [row for world_rows in joblib.Parallel(n_jobs=jobs)(tasks) for row in world_rows]
-    return pd.DataFrame(rows)
+    cases = [(scenario, conventions, settings, p, seed) for p in p_levels for seed in seeds]
+    done = map_worlds(_variants_of_one, cases, jobs)
+    return pd.DataFrame([row for rows in done for row in rows])
 
 
 def _variants_of_one(scenario, conventions, settings, p, seed) -> list[dict]:
@@ -123,10 +122,8 @@ def run_slips(
     is the online estimator that takes the odometry at its word; the oracle, and EM over the batch,
     do so too
     """
-    one = joblib.delayed(_slipped)
-    tasks = [one(scenario, conventions, p, steps, sigma, seed) for seed in seeds]
-    rows = [row for world_rows in joblib.Parallel(n_jobs=jobs)(tasks) for row in world_rows]
-    return pd.DataFrame(rows)
+    cases = [(scenario, conventions, p, steps, sigma, seed) for seed in seeds]
+    return pd.DataFrame([row for rows in map_worlds(_slipped, cases, jobs) for row in rows])
 
 
 def _slipped(scenario, conventions, p, steps, sigma, seed) -> list[dict]:

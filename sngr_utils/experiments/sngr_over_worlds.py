@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 from functools import partial
 
-import joblib
 import numpy as np
 import pandas as pd
 
+from sngr_utils.experiments.many_worlds import map_worlds
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.sampling import engines
 from sngr_utils.sampling.settings import SamplerSettings
@@ -58,13 +58,13 @@ def run_sweep(
     """
     if not set(variants) <= set(VARIANTS):
         raise ValueError(f"variants is {list(variants)}: they must be among {VARIANTS}")
-    tasks = [
-        joblib.delayed(_run_one)(scenario, name, presets[name], p, seed, list(variants), tau)
+    cases = [
+        (scenario, name, presets[name], p, seed, list(variants), tau)
         for name in presets
         for p in p_levels
         for seed in seeds
     ]
-    done = joblib.Parallel(n_jobs=jobs)(tasks)
+    done = map_worlds(_run_one, cases, jobs)
     return pd.DataFrame([row for rows in done for row in rows])
 
 
