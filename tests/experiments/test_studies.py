@@ -1,0 +1,87 @@
+"""Studies: resumed, published, and checked by sample, on a toy that takes no time."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from toy_study import FACTOR, draw
+
+from sngr_utils.experiments import row_store, studies
+from sngr_utils.experiments.many_worlds import map_worlds
+
+
+@pytest.fixture
+def toy(monkeypatch, tmp_path):
+    """Where the toy study keeps its rows and its file."""
+    study = studies.Study(draw, [("nowhere", seed) for seed in range(300)])
+    monkeypatch.setitem(studies.STUDIES, "toy", study)
+    monkeypatch.setitem(FACTOR, "of x", 1.0)
+    return {"rows": tmp_path / "rows.sqlite", "folder": tmp_path / "studies"}
+
+
+def test_half_a_study_can_be_read_and_taken_up(toy):
+    rows = {"rows": toy["rows"]}
+    assert studies.status("toy", **rows) == (0, 300)
+    with row_store.kept_in(toy["rows"]):
+        map_worlds(draw, studies.STUDIES["toy"].cells[:150], 1)
+    assert studies.status("toy", **rows) == (150, 300)
+    assert list(studies.table("toy", **rows)["seed"]) == list(range(150))
+    studies.run("toy", 1, **toy)
+    assert studies.status("toy", **rows) == (300, 300)
+
+
+def test_the_file_is_the_same_bytes_however_it_was_computed(toy, tmp_path, forked):
+    one = studies.run("toy", 1, **toy).read_bytes()
+    other = {"rows": tmp_path / "other.sqlite", "folder": tmp_path / "other"}
+    assert studies.run("toy", 2, **other).read_bytes() == one
+    saved = json.loads(one)
+    assert saved["command"] == "python -m sngr_utils study toy"
+    assert saved["code"] == row_store.code_of(draw)
+    pd.testing.assert_frame_equal(
+        studies.committed("toy", folder=toy["folder"]).astype({"no": float}),
+        studies.table("toy", rows=toy["rows"]),
+    )
+
+
+def check(toy):
+    return studies.check("toy", 1, rng=np.random.default_rng(0), folder=toy["folder"])
+
+
+def test_a_sample_is_run_again_only_if_the_code_has_changed(toy, monkeypatch):
+    studies.run("toy", 1, **toy)
+    FACTOR["of x"] = 2.0
+    assert check(toy) == 0  # the fingerprint says that nothing has changed
+    monkeypatch.setattr(row_store, "code_of", lambda task: "edited")
+    with pytest.raises(ValueError, match=r"study toy, cell \d+: row 0, x is .*, was "):
+        check(toy)
+    FACTOR["of x"] = 1 + 1e-9
+    assert check(toy) == 6  # 2 % of 300
+    FACTOR["of x"] = 1 + 1e-5
+    with pytest.raises(ValueError, match="x is"):
+        check(toy)
+
+
+def test_few_cells_are_five_and_other_cells_are_refused(toy, monkeypatch):
+    few = studies.Study(draw, [("nowhere", seed) for seed in range(7)])
+    monkeypatch.setitem(studies.STUDIES, "toy", few)
+    studies.run("toy", 1, **toy)
+    with monkeypatch.context() as edited:
+        edited.setattr(row_store, "code_of", lambda task: "edited")
+        assert check(toy) == 5
+    monkeypatch.setitem(studies.STUDIES, "toy", studies.Study(draw, few.cells[1:]))
+    with pytest.raises(ValueError, match="other cells"):
+        check(toy)
+
+
+def test_a_study_that_is_not_there_is_named(toy):
+    with pytest.raises(ValueError, match="study is 'toys'"):
+        studies.run("toys")
+    with pytest.raises(ValueError, match=r"toy\.json is missing"):
+        check(toy)
+
+
+def test_the_registered_studies_run(monkeypatch):
+    for study in studies.STUDIES.values():
+        (row,) = map_worlds(study.task, study.cells[:1], 1)
+        row_store.text_of(row, "a row")
