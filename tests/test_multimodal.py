@@ -8,7 +8,7 @@ from helpers import signatures
 
 from sngr_utils import multimodal
 from sngr_utils.detection import mirror_image
-from sngr_utils.experiments import sampler_contest
+from sngr_utils.experiments import multimodality, sampler_contest
 from sngr_utils.show import multimodal as show
 
 QUICK = multimodal.Config(
@@ -72,8 +72,8 @@ def test_a_study_needs_nothing_more_compiled():
 
 def test_the_window_score_is_that_of_the_poses():
     """A chain without ranges: its covariance by noises is that of graph and windows."""
-    target = QUICK.window(100, 1)
-    jacobian = multimodal.pose_jacobian(target, np.zeros(9))
+    target = QUICK.windows.window(100, 1)
+    jacobian = multimodality.pose_jacobian(target, np.zeros(9))
     covariance = jacobian @ jacobian.T
     assert covariance[:2, :2] == pytest.approx(0.25 * np.eye(2), abs=1e-6)
     turned = np.sqrt(np.diag(covariance)[[2, 5, 8]])

@@ -8,24 +8,26 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import Ellipse
 
-from sngr_utils import multimodal
-from sngr_utils.experiments import sampler_contest
+from sngr_utils.experiments import multimodality, sampler_contest
+from sngr_utils.experiments.multimodality import SECOND_MASS
 from sngr_utils.metrics import cluster_bootstrap, precision_recall
 from sngr_utils.metrics.standard_error import standard_error
+from sngr_utils.multimodal import Config
 from sngr_utils.publish import report
 from sngr_utils.publish.cells import text
 from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
 
 t = text
-FEW = 3  # poses after which a landmark usually still has two places
+MASS_TARGET = 0.05  # error of a mode's mass that is small enough
+FEW_POSES = 3  # poses after which a landmark usually still has two places
 
 
-def landmarks_table(landmarks: pd.DataFrame, config: multimodal.Config) -> pd.DataFrame:
+def landmarks_table(landmarks: pd.DataFrame, config: Config) -> pd.DataFrame:
     """By number of poses: how often one Gaussian is wrong, and what there is instead."""
     rows = []
     for n, found in landmarks.groupby("n"):
-        two, wrong = found["second"] >= multimodal.SECOND_MASS, found["kl"] > config.kl_limit
+        two, wrong = found["second"] >= SECOND_MASS, found["kl"] > config.kl_limit
         rows.append([
             f"{n}", f"{len(found)}", f"{wrong.mean():.0%}",
             f"{(found['kl_moments'] > config.kl_limit).mean():.0%}", f"{two.mean():.0%}",
@@ -37,11 +39,11 @@ def landmarks_table(landmarks: pd.DataFrame, config: multimodal.Config) -> pd.Da
     return pd.DataFrame(rows, columns=heads)
 
 
-def windows_table(found: pd.DataFrame, config: multimodal.Config) -> pd.DataFrame:
+def windows_table(found: pd.DataFrame, config: Config) -> pd.DataFrame:
     """By ranges per pose: how often one Gaussian is wrong in an ambiguous window."""
     rows = []
     for m, part in found.groupby("n_ranges"):
-        two, wrong = part["second"] >= multimodal.SECOND_MASS, part["kl"] > config.kl_limit
+        two, wrong = part["second"] >= SECOND_MASS, part["kl"] > config.kl_limit
         rows.append([
             f"{m}", f"{len(part)}", f"{wrong.mean():.0%}", f"{two.mean():.0%}",
             t(part["largest"].median()), t(part["shortfall"].median()), t(part["shortfall"].max()),
@@ -66,7 +68,7 @@ def samplers_table(runs: pd.DataFrame, case: str) -> pd.DataFrame:
     """Methods of one case: errors of masses, divergence, evidence, and likelihood calls."""
     mine, rows = runs[runs["case"] == case], []
     for (size, method), part in mine.groupby(["size", "method"], sort=False):
-        small = (part["mass_error"] <= multimodal.MASS_TARGET).sum()
+        small = (part["mass_error"] <= MASS_TARGET).sum()
         rows.append([
             f"{size}", method, t(part["mass_error"].mean(), ".3f"), t(part["mass_error"].max()),
             f"{small} of {len(part)}", t(part["divergence"].mean()),
@@ -79,7 +81,7 @@ def samplers_table(runs: pd.DataFrame, case: str) -> pd.DataFrame:
 
 def groups(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """The runs on landmarks that few poses saw, that more did, and on windows; none empty."""
-    landmark, few = runs["case"] == "landmark", runs["size"] <= FEW
+    landmark, few = runs["case"] == "landmark", runs["size"] <= FEW_POSES
     kinds = {
         "landmark, few poses": landmark & few,
         "landmark, more poses": landmark & ~few,
@@ -112,9 +114,7 @@ def summary_table(runs: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame({"method": sampler_contest.METHODS, **columns})
 
 
-def detection_rows(
-    config: multimodal.Config, landmarks: pd.DataFrame, found: pd.DataFrame
-) -> pd.DataFrame:
+def detection_rows(config: Config, landmarks: pd.DataFrame, found: pd.DataFrame) -> pd.DataFrame:
     """Every trigger against "one Gaussian is wrong by more than kl_limit".
 
     Returns
@@ -125,8 +125,13 @@ def detection_rows(
     """
     rows = []
     for case, frame, triggers, size in (
-        ("landmark", landmarks, multimodal.landmark_triggers(config, landmarks), "n"),
-        ("window", found, multimodal.window_triggers(config, found), "n_ranges"),
+        (
+            "landmark",
+            landmarks,
+            multimodality.landmark_triggers(landmarks, config.tau, config.gap_limit),
+            "n",
+        ),
+        ("window", found, multimodality.window_triggers(found, config.tau), "n_ranges"),
     ):
         wrong = (frame["kl"] > config.kl_limit).to_numpy()
         for name, (score, fires) in triggers.items():
@@ -150,7 +155,7 @@ def detection_rows(
 
 
 def record(
-    config: multimodal.Config, landmarks: pd.DataFrame, found: pd.DataFrame, runs: pd.DataFrame,
+    config: Config, landmarks: pd.DataFrame, found: pd.DataFrame, runs: pd.DataFrame,
     to: report.Report,
 ) -> None:  # fmt: skip
     """Hand on the numbers that the paper's text quotes."""
@@ -167,7 +172,7 @@ def record(
     for case, frame, size in (("landmark", landmarks, "n"), ("window", found, "n_ranges")):
         for value, rows in frame.groupby(size):
             share(f"multimodal.{case}.{value}.wrong", rows["kl"] > config.kl_limit)
-            share(f"multimodal.{case}.{value}.two", rows["second"] >= multimodal.SECOND_MASS)
+            share(f"multimodal.{case}.{value}.two", rows["second"] >= SECOND_MASS)
     worst = found["shortfall"].max()
     to.value("multimodal.window.shortfall", worst, ".1f", "nats", n=len(found), within=0.5)
     for row in detection_rows(config, landmarks, found).itertuples():
@@ -186,9 +191,7 @@ def record(
         to.value(f"{here}.mass_error", errors.mean(), ".3f", error=standard_error(errors),
                  n=len(rows))  # fmt: skip
         to.value(f"{here}.worst", errors.max(), ".2f", n=len(rows), within=0.1)
-        to.value(
-            f"{here}.within", (errors <= multimodal.MASS_TARGET).sum(), ".0f", n=len(rows), within=3
-        )
+        to.value(f"{here}.within", (errors <= MASS_TARGET).sum(), ".0f", n=len(rows), within=3)
         to.value(f"{here}.runs", len(rows), ".0f")
         calls = rows["calls"].mean() / 1000
         to.value(f"{here}.calls", calls, ".0f", n=len(rows), within=0.3 * calls)
@@ -196,7 +199,7 @@ def record(
 
 def record_strong(strong: pd.DataFrame, to: report.Report) -> None:
     """Hand on what windows with the paper's own odometry hold."""
-    two = int((strong["second"] >= multimodal.SECOND_MASS).sum())
+    two = int((strong["second"] >= SECOND_MASS).sum())
     to.value("multimodal.strong.two", two, ".0f", n=len(strong), within=2)
     to.value("multimodal.strong.windows", len(strong), ".0f")
     largest = strong["kl"].median()
@@ -209,7 +212,7 @@ COLOURS = [style.ESTIMATE, style.TRIGGERED, style.LANDMARK, style.SAMPLES, style
 
 
 def draw_posterior(ax: Axes, view) -> None:
-    """Posterior of a landmark (a `multimodal.View`), the poses, two sigma of one Gaussian.
+    """Posterior of a landmark (a `multimodality.View`), the poses, two sigma of one Gaussian.
 
     The shade is the root of the density, so that a light mode is seen beside a heavy one.
     """
