@@ -295,44 +295,6 @@ def test_clutter_can_be_switched_on(monkeypatch):
         assert weights[:-1, -1] == pytest.approx(np.zeros(5), abs=0.01)
 
 
-def test_share_wrong_is_the_mean_of_a_beta_posterior():
-    labels, weights = np.arange(5), np.zeros((5, 7))
-    weights[labels, labels] = [1, 1, 1, 0.5, 0]
-    assert association.share_wrong(weights, labels, (2, 8)) == pytest.approx(3.5 / 15)
-    assert association.share_wrong(weights, labels) == pytest.approx(2 / 6)
-
-
-def test_joint_density_integrates_to_one_with_landmarks_absent_or_not():
-    """Over all ranges up to the longest: sources are certain to be one or another."""
-    drawn = simulation.simulate(scenario.Scenario(), 0.0, rng=np.random.default_rng(0)).first(1)
-    grid = np.linspace(0, 9, 6001)
-    many = replace(drawn, ranges=grid, pose_of=np.zeros(6001, int), label_of=np.full(6001, 2))
-    for gone in ([], [1], [2, 5]):
-        landmarks = np.column_stack([3.0 + 0.5 * np.arange(6), np.ones(6)])
-        landmarks[gone] = np.nan
-        found = association.residuals(many, many.poses, landmarks - [2.0, 0.0])
-        joint = association.log_joint(many, found, np.full(found.shape, 0.01), 0.3)
-        assert np.isneginf(joint[:, gone]).all()
-        total = np.trapezoid(np.exp(joint), grid, axis=0)
-        assert total.sum() == pytest.approx(1, abs=1e-6)
-        prior = np.exp(association.log_prior(np.array([2]), 6, 0.3))[0]
-        assert total[-1] == pytest.approx(prior[gone].sum(), abs=1e-6)
-
-
-def test_clutter_can_be_switched_on(monkeypatch):
-    """With all landmarks mapped, a range that fits none of them is nobody's."""
-    drawn = simulation.simulate(scenario.Scenario(), 0.0, rng=np.random.default_rng(0)).first(1)
-    drawn = replace(drawn, ranges=np.append(drawn.ranges[:-1], 25.0))
-    given = drawn, drawn.poses, drawn.landmarks, 0.1, 1.0
-    for exclusive in (True, False):
-        assert association.responsibilities(*given, exclusive)[-1, -1] == 0.0
-    monkeypatch.setattr(association, "LOG_CLUTTER", np.log(0.01 / 10))
-    for exclusive in (True, False):
-        weights = association.responsibilities(*given, exclusive)
-        assert weights[-1, -1] == pytest.approx(1.0)
-        assert weights[:-1, -1] == pytest.approx(np.zeros(5), abs=0.01)
-
-
 @pytest.mark.parametrize("exclusive", [False, True])
 def test_on_clean_data_em_is_the_oracle(exclusive):
     clean = simulation.simulate(scenario.Scenario(), 0.0, rng=np.random.default_rng(101))
