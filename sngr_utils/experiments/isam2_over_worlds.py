@@ -148,7 +148,7 @@ def _window_columns(run: Baseline) -> dict[str, np.ndarray]:
 
 def nees_variants(
     scenario: Scenario,
-    conventions: Conventions,
+    presets: Mapping[str, Conventions],
     seeds: Sequence[int],
     jobs: int | None = None,
 ) -> pd.DataFrame:
@@ -160,17 +160,17 @@ def nees_variants(
 
     Returns
     -------
-    one row per x0_mean ("truth", "drawn"), frame ("world", "body") and seed: nees
+    one row per preset, seed, x0_mean ("truth", "drawn") and frame ("world", "body"): nees
     """
     _require_distinct("seeds", seeds)
-    done = map_worlds(_nees_rows, [(scenario, conventions, seed) for seed in seeds], jobs)
-    rows = [row for world_rows in done for row in world_rows]
-    return pd.DataFrame(rows, columns=["x0_mean", "frame", "seed", "nees"])
+    cases = [(scenario, name, presets[name], seed) for name in presets for seed in seeds]
+    rows = [row for world_rows in map_worlds(_nees_rows, cases, jobs) for row in world_rows]
+    return pd.DataFrame(rows, columns=["x0_mean", "frame", "seed", "nees", "preset"])
 
 
 def _nees_rows(
-    scenario: Scenario, conventions: Conventions, seed: int
-) -> list[tuple[str, str, int, float]]:
+    scenario: Scenario, preset: str, conventions: Conventions, seed: int
+) -> list[tuple[str, str, int, float, str]]:
     rng = np.random.default_rng(seed)
     the_world = simulation.simulate(scenario, 0.0, rng=rng)
     (prior_rng,) = rng.spawn(1)
@@ -181,7 +181,7 @@ def _nees_rows(
         errors = solution.poses[:, :2] - the_world.poses[:, :2]
         for frame in ("world", "body"):
             covariances = marginals.position_covariances(solution, frame)
-            rows.append((name, frame, seed, rmse_and_nees.nees(errors, covariances)))
+            rows.append((name, frame, seed, rmse_and_nees.nees(errors, covariances), preset))
     return rows
 
 

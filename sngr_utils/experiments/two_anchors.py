@@ -33,7 +33,7 @@ def start_at(place: str) -> tuple[np.ndarray, np.ndarray]:
     return start, target.gauss_newton_covariance(start)
 
 
-def runs_from(n_live: int, seed: int, place: str) -> dict[str, weighted_samples.NestedRun]:
+def runs_from(n_live: int, seed: int, place: str) -> dict[str, weighted_samples.WeightedSamples]:
     """Every method on the two anchors, the Gaussian priors about `start_at`."""
     rng = np.random.default_rng([seed, 9])
     return sampler_contest.plane_runs(posterior(), *start_at(place), n_live, rng=rng)

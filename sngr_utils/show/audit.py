@@ -7,8 +7,9 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from sngr_utils.audit import NOOP_P, Config, WindowStudies
+from sngr_utils.audit import NOOP_P, Config
 from sngr_utils.experiments import isam2_over_worlds
+from sngr_utils.experiments.window_studies import WindowStudies
 from sngr_utils.metrics import standard_error, summaries
 from sngr_utils.publish import report
 from sngr_utils.publish.cells import NONE, interval, text

@@ -176,7 +176,7 @@ def test_paired_difference_uses_common_seeds_and_known_values():
 @pytest.fixture(scope="module")
 def variants():
     return isam2_over_worlds.nees_variants(
-        scenario.Scenario(), conventions.PRESETS["C"], range(100, 130), 1
+        scenario.Scenario(), {"C": conventions.PRESETS["C"]}, range(100, 130), 1
     )
 
 
