@@ -1,23 +1,24 @@
 """Driver of notebook 08: SNGR that asks where ranges come from, online."""
 
-from dataclasses import replace
-from typing import Annotated
+from __future__ import annotations
 
-import numpy as np
-import pandas as pd
+from typing import TYPE_CHECKING, Annotated
+
 from pydantic import Field, model_validator
 
-from sngr_utils.experiments import estimators, online_variants
-from sngr_utils.online import estimator, localisation
-from sngr_utils.sampling.targets import place
-from sngr_utils.settings import READING, Positive, Probability, Seed
-from sngr_utils.slam import conventions
-from sngr_utils.world import dead_reckoning, simulation
+from sngr_utils.settings import READING, Levels, Positive, Probability, Seed
+from sngr_utils.slam.conventions import PRESETS
 from sngr_utils.world.scenario import ManyWorlds
 
-Levels = Annotated[list[Probability], Field(min_length=1)]
+# What runs is imported where it runs: a check of all parameters needs no GTSAM and no compiler.
+if TYPE_CHECKING:
+    import numpy as np
+    import pandas as pd
+
+    from sngr_utils.experiments.online_variants import Frame
+    from sngr_utils.world.simulation import World
+
 FRAMES = [3, 5, 8, 15, 29]  # poses at which the film is stopped
-FEW = (2, 3, 4, 6)  # poses of the first picture
 
 
 class Config(ManyWorlds):
@@ -45,10 +46,6 @@ class Config(ManyWorlds):
 
     @model_validator(mode="after")
     def _consistent(self):
-        for name in ("p_levels", "p_peers", "p_ablation"):
-            values = getattr(self, name)
-            if len(set(values)) < len(values):
-                raise ValueError(f"{name} is {values}: it must not repeat a value")
         if not set(self.p_peers) <= set(self.p_levels):
             raise ValueError(f"p_peers is {self.p_peers}: all must be among p_levels")
         if self.slip_steps >= self.n_poses:
@@ -65,7 +62,12 @@ def run(config: Config) -> pd.DataFrame:
     -------
     the tables of `estimators.compare` and `online_variants.run_variants` with the column ratio
     """
-    given = config.scenario, conventions.PRESETS[READING]
+    import pandas as pd
+
+    from sngr_utils.experiments import estimators, online_variants
+    from sngr_utils.online import estimator
+
+    given = config.scenario, PRESETS[READING]
     seeds = config.seeds(config.n_seeds)
     others = [p for p in config.p_levels if p not in config.p_peers]
     tables = [estimators.compare(*given, config.p_peers, seeds, jobs=config.jobs)]
@@ -80,7 +82,11 @@ def run(config: Config) -> pd.DataFrame:
 
 def run_ablation(config: Config) -> pd.DataFrame:
     """Every part switched off by itself, with (column nets) and without the safety nets of EM."""
-    given = config.scenario, conventions.PRESETS[READING]
+    import pandas as pd
+
+    from sngr_utils.experiments import estimators, online_variants
+
+    given = config.scenario, PRESETS[READING]
     levels, seeds = config.p_ablation, config.seeds(config.n_ablation)
     tables = [
         online_variants.run_variants(
@@ -94,63 +100,41 @@ def run_ablation(config: Config) -> pd.DataFrame:
 
 def run_slips(config: Config) -> pd.DataFrame:
     """Worlds where the odometry slips."""
+    from sngr_utils.experiments import estimators, online_variants
+
     runs = online_variants.run_slips(
-        config.scenario, conventions.PRESETS[READING], config.p_slip, config.slip_steps,
+        config.scenario, PRESETS[READING], config.p_slip, config.slip_steps,
         config.slip_sigma, config.seeds(config.n_slip), config.jobs,
     )  # fmt: skip
     return estimators.relative_to_oracle(runs)
 
 
-def _filmed(config: Config) -> simulation.World:
+def _filmed(config: Config) -> World:
+    import numpy as np
+
+    from sngr_utils.world import simulation
+
     rng = np.random.default_rng(config.first_seed)
     return simulation.simulate(config.scenario, config.p_film, rng=rng)
 
 
-def film(config: Config) -> list[online_variants.Frame]:
+def film(config: Config) -> list[Frame]:
     """The run of the first world, stopped at `FRAMES`."""
+    from sngr_utils.experiments import online_variants
+
     at = [t for t in FRAMES if t < config.n_poses]
-    return online_variants.film(
-        _filmed(config), conventions.PRESETS[READING], at, config.first_seed
-    )
+    return online_variants.film(_filmed(config), PRESETS[READING], at, config.first_seed)
 
 
 def few_poses(config: Config) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, float]]:
-    """What `FEW` poses know of one landmark of the first world: samples, poses, landmark, mass.
+    """What a few poses know of one landmark of the first world; see `online_variants.few_poses`."""
+    from sngr_utils.experiments import online_variants
 
-    The labels of this picture are the true ones: it is about geometry. The landmark is the one
-    nearest to where the robot starts, whose mirror image is not far either.
-    """
-    the_world = _filmed(config)
-    blind = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
-    variances = (
-        dead_reckoning.dead_reckoning_variances(blind, config.scenario) + config.range_sigma**2
-    )
-    k = int(np.argmax(the_world.landmarks[:, 0]))
-    panels = []
-    for n in FEW:
-        mine = np.flatnonzero((the_world.source_of == k) & (the_world.pose_of < n))
-        anchors, ranges = blind[:n, :2], the_world.ranges[mine]
-        evidence = place.Evidence(
-            anchors, ranges, variances[:n], np.full(n, 0.01), ranges.max(), anchors.mean(axis=0),
-            ranges.max(),
-        )  # fmt: skip
-        rng = np.random.default_rng([config.first_seed, n])
-        cloud = localisation.sample(evidence, rng=rng)
-        drawn = rng.choice(len(cloud.samples), 600, p=cloud.weights / cloud.weights.sum())
-        mass = localisation.modes(cloud, evidence)[0].mass
-        panels.append((cloud.samples[drawn], anchors, the_world.landmarks[k], mass))
-    return panels
+    return online_variants.few_poses(_filmed(config), config.first_seed)
 
 
 def future_is_unknown(config: Config) -> bool:
     """Does the past stay as it was, to the last bit, if all later ranges are changed?"""
-    the_world = _filmed(config)
-    middle, pasts = config.n_poses // 2, []
-    later = the_world.pose_of > middle
-    spoilt = np.where(later, the_world.ranges[::-1], the_world.ranges)
-    for ranges in (the_world.ranges, spoilt):
-        changed = replace(the_world, ranges=ranges)
-        rng = np.random.default_rng(config.first_seed)
-        found = estimator.run(changed, conventions.PRESETS[READING], estimator.Settings(), rng=rng)
-        pasts.append(found.filtered[: middle + 1])
-    return bool(np.array_equal(*pasts))
+    from sngr_utils.experiments import online_variants
+
+    return online_variants.future_is_unknown(_filmed(config), PRESETS[READING], config.first_seed)

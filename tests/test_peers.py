@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from sngr_utils import paths, peers
-from sngr_utils.experiments import estimators
+from sngr_utils.experiments import estimators, one_range
 from sngr_utils.publish import cells, files, parameters, report
 from sngr_utils.show import peers as show
 from sngr_utils.show import style
@@ -32,7 +32,7 @@ def test_losses_and_weights_fit_each_other():
     """w(r) = rho'(r) / r for every kernel, away from the kinks of the truncated ones."""
     r, h = np.array([0.3, 0.8, 1.2, 2.0, 4.0, 5.5]), 1e-5
     scenario = peers.Config().scenario
-    up, at, down = (peers.kernels(r + step, scenario) for step in (h, 0.0, -h))
+    up, at, down = (one_range.kernels(r + step, scenario) for step in (h, 0.0, -h))
     assert len(at) == 8
     for name, (_, weight) in at.items():
         slope = (up[name][0] - down[name][0]) / (2 * h)
@@ -80,7 +80,7 @@ def test_peer_tables_figures_and_values(quick, runs, tmp_path):
     x = np.linspace(2, 4, 11)
     fig, axes = style.panels(10, 2.5, 5)
     ranges, costs = peers.pull(quick, x)
-    show.draw_pull(axes[0], ranges, peers.N_WRONG, x, costs)
+    show.draw_pull(axes[0], ranges, one_range.N_WRONG, x, costs)
     show.draw_curves(axes[1], x, costs, xlabel="x")
     show.legend_right(axes[1])
     show.draw_range(axes[2], one.position, one.distance, one.landmarks, one.label, one.source)

@@ -6,6 +6,7 @@ import pytest
 
 from sngr_utils import paths, triggers
 from sngr_utils.detection import scores
+from sngr_utils.experiments import detector_study
 from sngr_utils.publish import files, parameters, report
 from sngr_utils.show import style
 from sngr_utils.show import triggers as show
@@ -33,15 +34,15 @@ def test_calibration_worlds_are_used_for_nothing_else(config, study):
 
 def test_all_levels_of_p_are_one_case_without_bursts(study):
     noisy = study.noisy
-    pooled = noisy[noisy["case"] == triggers.EVERY_P]
+    pooled = noisy[noisy["case"] == detector_study.EVERY_P]
     assert len(pooled) == len(noisy[noisy["case"].str.startswith("p =")]) > 0
     assert noisy["case"].str.startswith("burst").any()
 
 
 def test_tables_and_what_is_handed_on(config, study, tmp_path):
     rng = np.random.default_rng(0)
-    clean, decided = triggers.levels(study, rng=rng), triggers.decisions(study, rng=rng)
-    failed, wrong = (triggers.rankings(study, x, rng=rng) for x in ("failed", "contaminated"))
+    clean, decided = detector_study.levels(study, rng=rng), detector_study.decisions(study, rng=rng)
+    failed, wrong = (detector_study.rankings(study, x, rng=rng) for x in ("failed", "contaminated"))
     cases, scenarios = 3, 8
     assert show.level_table(clean).shape == (scenarios, 2 + len(scores.SCORES))
     for table, column in ((failed, "auc"), (wrong, "precision"), (failed, "within")):
@@ -50,14 +51,14 @@ def test_tables_and_what_is_handed_on(config, study, tmp_path):
             1 + cases,
         )
     assert len(show.case_table(decided, "mcc")) == 1 + len(scores.SCORES)
-    every = triggers.EVERY_P
+    every = detector_study.EVERY_P
     whole = show.summary_table(failed, wrong, decided, clean, every)
     assert whole.shape == (len(scores.SCORES), 6)
-    claims = triggers.claims(study, config, rng=rng)
+    claims = detector_study.claims(study, config.tau, rng=rng)
     assert len(show.claims_table(claims, config.tau)) == 4 * 2
-    assert len(show.shifted_table(*triggers.shifted(study, rng=rng))) == scenarios - 1
+    assert len(show.shifted_table(*detector_study.shifted(study, rng=rng))) == scenarios - 1
     assert len(show.null_table(triggers.run_null(config))) == 2 * 2
-    rows = triggers.calibration_rows(study, config, rng=rng)
+    rows = detector_study.calibration_rows(study, config.nominal, rng=rng)
     assert len(show.calibration_table(rows)) == 5
     to = report.Report("06_triggers", tmp_path)
     show.record(failed, wrong, decided, clean, to)
@@ -81,7 +82,7 @@ def test_figures_show_what_they_are_given(config, study):
     assert sum(len(line.get_xdata()) for line in axes[2].lines[:3]) == len(study.rows)
     laws = {"a": study.rows["naive"].to_numpy(), "b": study.rows["chi_square"].to_numpy()}
     show.draw_p_values(axes[3], laws)
-    found = triggers.rankings(study, "failed", rng=rng)
+    found = detector_study.rankings(study, "failed", rng=rng)
     show.draw_aucs(axes[4], show.auc_series(found, ["condition", "disagreement"]), "x", True)
     plt.close(fig)
 

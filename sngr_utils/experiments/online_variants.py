@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -14,11 +14,13 @@ from sngr_utils.online import estimator, landmarks, localisation
 from sngr_utils.online.belief import Belief
 from sngr_utils.online.data_association import DROPPED
 from sngr_utils.online.estimator import Settings
+from sngr_utils.sampling.targets import place
 from sngr_utils.slam import isam2
 from sngr_utils.slam.conventions import Conventions
-from sngr_utils.world import simulation, variations
+from sngr_utils.world import dead_reckoning, simulation, variations
 from sngr_utils.world.scenario import Scenario
 
+FEW_POSES = (2, 3, 4, 6)  # after which one landmark is drawn
 NAME = "online"  # of the method itself, among its variants
 STREAM, SLIPS, FILM = 80, 81, 82  # of random numbers, beside the seed of the world
 COUNTS = (
@@ -206,3 +208,46 @@ def _frame(belief: Belief, conventions: Conventions, *, rng: np.random.Generator
         belief.landmarks, clouds, data.label_of[newest], belief.credit.used[newest],
         data.source_of[newest], data.landmarks,
     )  # fmt: skip
+
+
+def few_poses(
+    the_world: simulation.World, seed: int
+) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, float]]:
+    """What `FEW_POSES` know of one landmark: samples, poses, landmark, mass of the first mode.
+
+    The labels of this picture are the true ones: it is about geometry. The landmark is the one
+    nearest to where the robot starts, whose mirror image is not far either.
+    """
+    blind = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
+    variances = (
+        dead_reckoning.dead_reckoning_variances(blind, the_world.scenario)
+        + the_world.scenario.range_sigma**2
+    )
+    k = int(np.argmax(the_world.landmarks[:, 0]))
+    panels = []
+    for n in FEW_POSES:
+        mine = np.flatnonzero((the_world.source_of == k) & (the_world.pose_of < n))
+        anchors, ranges = blind[:n, :2], the_world.ranges[mine]
+        evidence = place.Evidence(
+            anchors, ranges, variances[:n], np.full(n, 0.01), ranges.max(), anchors.mean(axis=0),
+            ranges.max(),
+        )  # fmt: skip
+        rng = np.random.default_rng([seed, n])
+        cloud = localisation.sample(evidence, rng=rng)
+        drawn = rng.choice(len(cloud.samples), 600, p=cloud.weights / cloud.weights.sum())
+        mass = localisation.modes(cloud, evidence)[0].mass
+        panels.append((cloud.samples[drawn], anchors, the_world.landmarks[k], mass))
+    return panels
+
+
+def future_is_unknown(the_world: simulation.World, conventions: Conventions, seed: int) -> bool:
+    """Does the past stay as it was, to the last bit, if all later ranges are changed?"""
+    middle, pasts = the_world.n_poses // 2, []
+    later = the_world.pose_of > middle
+    spoilt = np.where(later, the_world.ranges[::-1], the_world.ranges)
+    for ranges in (the_world.ranges, spoilt):
+        changed = replace(the_world, ranges=ranges)
+        rng = np.random.default_rng(seed)
+        found = estimator.run(changed, conventions, Settings(), rng=rng)
+        pasts.append(found.filtered[: middle + 1])
+    return bool(np.array_equal(*pasts))

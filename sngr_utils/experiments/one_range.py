@@ -1,0 +1,114 @@
+"""What each way of doubting makes of one range, and of ten to one landmark."""
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from scipy import stats
+
+from sngr_utils.robust import (
+    association,
+    em,
+    graduated_non_convexity,
+    max_mixtures,
+    switchable_constraints,
+)
+from sngr_utils.robust.losses import GNC_SQUARED
+from sngr_utils.settings import READING
+from sngr_utils.slam.conventions import PRESETS
+from sngr_utils.world import simulation
+from sngr_utils.world.scenario import Scenario
+
+N_RIGHT, N_WRONG, WRONG_BY = 7, 3, 1.0  # ranges of the first example, and an error of [m]
+
+
+def kernels(residuals: np.ndarray, scenario: Scenario) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Loss [nats] and weight of a whitened residual, method -> two (N,) arrays.
+
+    The weight is that of the range in the least-squares problem whose minimum is the same.
+    GTSAM's own, where it has them; the null hypothesis is as wide as the landmarks' square.
+    """
+    estimators_of = gtsam.noiseModel.mEstimator
+    losses = {
+        "huber": estimators_of.Huber.Create(graduated_non_convexity.HUBER_K),
+        "cauchy": estimators_of.Cauchy.Create(graduated_non_convexity.CAUCHY_K),
+        "dcs": estimators_of.DCS.Create(graduated_non_convexity.DCS_PHI),
+        "geman_mcclure": estimators_of.GemanMcClure.Create(graduated_non_convexity.GEMAN_MCCLURE_C),
+        "switchable": estimators_of.GemanMcClure.Create(1 / switchable_constraints.SWITCH_SIGMA),
+    }
+    square = 0.5 * residuals**2
+    found = {"least_squares": (square, np.ones(len(residuals)))}
+    for name, loss in losses.items():
+        found[name] = tuple(np.array([f(r) for r in residuals]) for f in (loss.loss, loss.weight))
+    inside = residuals**2 < GNC_SQUARED
+    found["gnc_tls"] = np.minimum(square, GNC_SQUARED / 2), inside.astype(float)
+    ratio = scenario.landmark_half_width / scenario.range_sigma
+    null = square / ratio**2 + np.log(ratio)
+    found["max_mixture_null"] = np.minimum(square, null), np.where(square < null, 1, ratio**-2)
+    return found
+
+
+def pull(scenario: Scenario, distances: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Ten ranges to a landmark 3 m away, three of them another one's, and the cost of a distance.
+
+    The ranges are quantiles of their law, so that nothing here is random.
+
+    Returns
+    -------
+    ranges : (10,) [m], the wrong ones last
+    costs : method -> (N,) total loss at the (N,) distances, over its range, in [0, 1]
+    """
+    quantiles = stats.norm.ppf((np.arange(N_RIGHT) + 0.5) / N_RIGHT)
+    ranges = 3 + scenario.range_sigma * quantiles
+    ranges = np.append(ranges, np.median(ranges) + WRONG_BY + scenario.range_sigma * quantiles[2:5])
+    residuals = (ranges[:, None] - distances) / scenario.range_sigma
+    costs = {}
+    for name, (loss, _) in kernels(residuals.ravel(), scenario).items():
+        total = loss.reshape(residuals.shape).sum(axis=0)
+        costs[name] = (total - total.min()) / np.ptp(total)
+    return ranges, costs
+
+
+@dataclass(frozen=True)
+class Ambiguous:
+    """One range that several landmarks explain.
+
+    Attributes
+    ----------
+    position : (2,) where it was taken, estimated, [m]
+    landmarks : (K, 2) estimated, [m]
+    distance : the range, [m]
+    label, source : landmark it is attached to, and came from
+    beliefs : name -> (K,) how much of the range each landmark gets
+    """
+
+    position: np.ndarray
+    landmarks: np.ndarray
+    distance: float
+    label: int
+    source: int
+    beliefs: dict[str, np.ndarray]
+
+
+def ambiguous(scenario: Scenario, p: float, seed: int) -> Ambiguous:
+    """The range of a world whose source EM is least sure of, as each mixture sees it."""
+    conventions = PRESETS[READING]
+    the_world = simulation.simulate(scenario, p, rng=np.random.default_rng(seed))
+    found = em.estimate(the_world, conventions, "grid", exclusive=False)
+    at = the_world, found.poses, found.landmarks
+    alone, scan = (
+        association.responsibilities(*at, found.p, 1.0, exclusive)[:, :-1]
+        for exclusive in (False, True)
+    )
+    m = int(np.argmax(stats.entropy(alone, axis=1)))
+    best, _ = max_mixtures.choose_landmark(*at)
+    prior = np.exp(association.log_prior(the_world.label_of, the_world.n_landmarks, found.p))
+    hard = np.eye(the_world.n_landmarks)
+    beliefs = {
+        "label": hard[the_world.label_of[m]], "prior": prior[m],
+        "max_mixture_all": hard[best[m]], "em": alone[m], "em_exclusive": scan[m],
+    }  # fmt: skip
+    return Ambiguous(
+        found.poses[the_world.pose_of[m], :2], found.landmarks, float(the_world.ranges[m]),
+        int(the_world.label_of[m]), int(the_world.source_of[m]), beliefs,
+    )  # fmt: skip
