@@ -15,27 +15,17 @@ from sngr_utils.experiments.estimators import BATCH
 from sngr_utils.metrics import summaries
 from sngr_utils.publish import report
 from sngr_utils.publish.cells import text
-from sngr_utils.show import style
+from sngr_utils.show import methods, style
 from sngr_utils.sngr import windows
 
-LOST = 1.5  # times the oracle's RMSE, above which a run counts as lost
 t = text
 
 
-def summary_series(
-    runs: pd.DataFrame, names: dict[str, str]
-) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Name -> (P,) p and (P, 3) mean, low, high of the ratio to the oracle.
-
-    Parameters
-    ----------
-    names : what to call some of the methods
-    """
+def summary_series(runs: pd.DataFrame) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Key of a method -> (P,) p and (P, 3) mean, low, high of the ratio to the oracle."""
     table = summaries.summary(runs[runs["method"] != "oracle"], "ratio", by=["method", "p"])
     return {
-        names.get(method, style.method_name(method)): (
-            group["p"].to_numpy(), group[["mean", "low", "high"]].to_numpy()
-        )
+        method: (group["p"].to_numpy(), group[["mean", "low", "high"]].to_numpy())
         for method, group in table.groupby("method", sort=False)
     }  # fmt: skip
 
@@ -79,7 +69,7 @@ def test_table(runs: pd.DataFrame) -> pd.DataFrame:
             for p, value in zip(levels, values, strict=True)
             for cell in (t(means[method, p]), t(value, ".1g"))
         ]
-        rows.append([style.method_name(method), *cells])
+        rows.append([methods.shown(method), *cells])
     heads = [(f"p = {p:g}", name) for p in levels for name in ("ratio", "p-value")]
     return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples([("", "method"), *heads]))
 
@@ -132,9 +122,9 @@ def slip_table(runs: pd.DataFrame) -> pd.DataFrame:
     """Odometry that slips: RMSE, ratio to the oracle, runs that are lost."""
     rows = []
     for method, group in runs.groupby("method", sort=False):
-        lost = int((group["ratio"] > LOST).sum())
+        lost = int((group["ratio"] > estimators.LOST).sum())
         rows.append([
-            style.method_name(method), t(group["pose_rmse"].mean()), t(group["pose_rmse"].max()),
+            methods.shown(method), t(group["pose_rmse"].mean()), t(group["pose_rmse"].max()),
             t(group["ratio"].median()), t(group["ratio"].max()), f"{lost} of {len(group)}",
         ])  # fmt: skip
     heads = ["method", "RMSE [m]", "worst [m]", "median ratio", "worst ratio", "lost"]
@@ -151,19 +141,9 @@ def time_table(runs: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["p", "median [s]", "longest [s]"])
 
 
-# what `draw_summary` shows by name -> colour, dash, width, marker; all others are one grey band
-NAMED = {
-    "SNGR": (style.TRIGGERED, "-", 0.9, "x"),
-    "iSAM2": (style.ESTIMATE, "--", 0.9, "o"),
-    "least squares": (style.LANDMARK, "-", 0.9, "s"),
-    "dead reckoning": (style.TRUTH, ":", 0.9, None),
-    "Huber": (style.PRIOR, "-", 0.9, "D"),
-    "FastSLAM": (style.SEQUENCE[0], "-", 0.9, "^"),
-    "max-mixture, all": (style.PRIOR, "--", 0.9, "v"),
-    "EM": (style.SEQUENCE[0], "--", 0.9, "+"),
-    "EM, exclusive": (style.TRUTH, "--", 1.4, None),
-    "association-aware SNGR": (style.SAMPLES, "-", 2.4, None),
-}
+# what `draw_summary` shows by a line of its own; all others are one grey band
+NAMED = ("sngr", "isam2", "least_squares", "dead_reckoning", "huber", "fastslam",
+         "max_mixture_all", "em", "em_exclusive", online_variants.NAME)  # fmt: skip
 FORGETTING = "seven that forget"  # redescending losses, switches, max-mixture with a null
 
 
@@ -210,24 +190,25 @@ def film_legend() -> list[Line2D]:
 
 
 def draw_summary(ax: Axes, series: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
-    """Ratio of the pose RMSE to the oracle's against p, name -> (P,) p and (P, 3) mean, low, high.
+    """Ratio of the pose RMSE to the oracle's against p, key -> (P,) p and (P, 3) mean, low, high.
 
     One is as good as knowing the associations. The legend is in the order of the last points.
     """
-    grey = [series[name] for name in series if name not in NAMED]
+    grey = [series[key] for key in series if key not in NAMED]
     handles = {}
     for p, values in grey:
         ax.plot(p, values[:, 0], color=style.PRINTED, lw=0.7)
         handles[FORGETTING] = Line2D([], [], color=style.PRINTED, lw=0.7), values[-1, 0]
-    for name, (p, values) in series.items():
-        if name in NAMED:
-            colour, dash, width, marker = NAMED[name]
+    for key, (p, values) in series.items():
+        if key in NAMED:
+            look = methods.METHODS[key]
             mean, low, high = values.T
             # an interval that reaches zero has no lower end on a log axis
             bars = np.array([mean - np.maximum(low, 0.6 * mean), high - mean])
-            bar = ax.errorbar(p, mean, bars, ls=dash, color=colour, lw=width, zorder=2 + width,
-                              elinewidth=0.6, marker=marker, ms=3.5, mfc="none")  # fmt: skip
-            handles[name] = bar, mean[-1]
+            bar = ax.errorbar(p, mean, bars, ls=look.dash, color=look.colour, lw=look.width,
+                              zorder=2 + look.width, elinewidth=0.6, marker=look.marker, ms=3.5,
+                              mfc="none")  # fmt: skip
+            handles[look.name] = bar, mean[-1]
     ax.axhline(1, color=style.TRUTH, lw=0.6, zorder=1)
     ax.set(yscale="log", xlabel="share of wrong associations p", yticks=[1, 2, 5, 10, 20, 50])
     ax.set(ylabel="pose RMSE over the oracle's")
@@ -285,7 +266,7 @@ def record(
         to.sample(key, rows["ratio"])
         to.value(f"{key}.worst", rows["ratio"].max(), n=len(rows), within=0.3)
     for method, rows in slips.groupby("method"):
-        lost = (rows["ratio"] > LOST).sum()
+        lost = (rows["ratio"] > estimators.LOST).sum()
         to.value(f"online.slip.{method}.lost", lost, ".0f", n=len(rows), within=2)
         to.sample(f"online.slip.{method}.ratio", rows["ratio"])
         to.sample(f"online.slip.{method}.rmse", rows["pose_rmse"], unit="m")

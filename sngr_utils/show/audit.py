@@ -13,7 +13,7 @@ from sngr_utils.experiments.window_studies import WindowStudies
 from sngr_utils.metrics import standard_error, summaries
 from sngr_utils.publish import report
 from sngr_utils.publish.cells import NONE, interval, text
-from sngr_utils.show import style
+from sngr_utils.show import methods, style
 from sngr_utils.show.common import legend_above
 from sngr_utils.show.style import WRONG_LABEL
 
@@ -243,7 +243,7 @@ def robust_table(runs: pd.DataFrame) -> pd.DataFrame:
     for (start, method), group in poses.groupby(["start", "method"], sort=False):
         cells = [interval(row) for _, row in group.iterrows()]
         rows.append([
-            style.method_name(method),
+            methods.shown(method),
             start.replace("_", " "),
             *cells,
             t(last[start, method]),
@@ -278,11 +278,11 @@ def curve_series(frame: pd.DataFrame, value: str) -> dict[str, tuple[np.ndarray,
 
 
 def robust_series(runs: pd.DataFrame, start: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """method -> p and mean pose RMSE [m], from one start, beside dead reckoning."""
+    """key of a method -> p and mean pose RMSE [m], from one start, beside dead reckoning."""
     chosen = runs[runs["start"].isin([start, "none"])]
     means = chosen.groupby(["method", "p"], sort=False)["pose_rmse"].mean()
     return {
-        style.method_name(method): (group.index.get_level_values("p").to_numpy(), group.to_numpy())
+        method: (group.index.get_level_values("p").to_numpy(), group.to_numpy())
         for method, group in means.groupby(level="method", sort=False)
     }
 
@@ -369,12 +369,11 @@ def draw_detection_curves(axes: Sequence[Axes], curves: dict[str, tuple]) -> Non
 
 
 def draw_robust(ax: Axes, series: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
-    """Mean pose RMSE [m] against p, log scale: method -> (p, rmse)."""
-    fixed = {"dead reckoning": style.TRUTH, "least squares": style.ESTIMATE}
-    others = [name for name in series if name not in fixed]
-    colours = fixed | dict(zip(others, style.SEQUENCE, strict=False))
-    for (name, (p, rmse)), marker in zip(series.items(), "osD^v<>xP", strict=False):
-        ax.semilogy(p, rmse, marker=marker, mfc="none", color=colours[name], label=name)
+    """Mean pose RMSE [m] against p, log scale: key of a method -> (p, rmse)."""
+    for key, (p, rmse) in series.items():
+        look = methods.METHODS[key]
+        ax.semilogy(p, rmse, look.dash, marker=look.marker, mfc="none", color=look.colour,
+                    label=look.name)  # fmt: skip
     ax.set(xlabel=WRONG_LABEL, ylabel="pose RMSE [m]")
     ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.yaxis.set_major_formatter("{x:g}")

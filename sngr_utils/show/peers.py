@@ -11,9 +11,8 @@ from sngr_utils.metrics import summaries
 from sngr_utils.peers import Config
 from sngr_utils.publish import report
 from sngr_utils.publish.cells import NONE, interval, text
-from sngr_utils.show import style
+from sngr_utils.show import methods, style
 
-LOST = 1.5  # times the oracle's RMSE, above which a run counts as lost
 t = text
 
 
@@ -26,7 +25,7 @@ def by_method(runs: pd.DataFrame, value: str, fmt: str = ".2f") -> pd.DataFrame:
     """Mean and 95 % interval of a column from the grid, methods down and p across."""
     table = summaries.summary(from_grid(runs), value, by=["method", "p"])
     rows = [
-        [style.method_name(method), *(interval(row, fmt) for _, row in group.iterrows())]
+        [methods.shown(method), *(interval(row, fmt) for _, row in group.iterrows())]
         for method, group in table.groupby("method", sort=False)
     ]
     return pd.DataFrame(rows, columns=["method", *(f"p = {p:g}" for p in table["p"].unique())])
@@ -36,16 +35,16 @@ def start_table(runs: pd.DataFrame) -> pd.DataFrame:
     """How many runs are lost from either start, at the levels that have both."""
     other = runs[runs["start"] == "first_poses"]
     levels, starts = list(dict.fromkeys(other["p"])), ("grid", "first_poses")
-    by = runs.assign(lost=runs["ratio"] > LOST).groupby(["method", "p", "start"])["lost"]
+    by = runs.assign(lost=runs["ratio"] > estimators.LOST).groupby(["method", "p", "start"])["lost"]
     lost, n = by.sum(), by.size()
     rows = [
         [
-            style.method_name(method),
+            methods.shown(method),
             *(f"{lost[method, p, s]} of {n[method, p, s]}" for p in levels for s in starts),
         ]
         for method in dict.fromkeys(other["method"])
     ]
-    heads = [(f"p = {p:g}", style.method_name(start)) for p in levels for start in starts]
+    heads = [(f"p = {p:g}", methods.shown(start)) for p in levels for start in starts]
     return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples([("", "method"), *heads]))
 
 
@@ -60,7 +59,7 @@ def test_table(runs: pd.DataFrame, best: str) -> pd.DataFrame:
     levels = list(dict.fromkeys(chosen["p"]))
     rows = []
     for method in dict.fromkeys(chosen["method"]):
-        cells = [style.method_name(method)]
+        cells = [methods.shown(method)]
         mine = chosen[chosen["method"] == method]
         worst = mine.groupby("p", sort=False)["ratio"].max()
         if method == best:
@@ -79,7 +78,7 @@ def test_table(runs: pd.DataFrame, best: str) -> pd.DataFrame:
 def time_table(runs: pd.DataFrame) -> pd.DataFrame:
     """Median CPU time per world, from the grid, without the grid itself, [ms]."""
     times = 1e3 * from_grid(runs).groupby("method", sort=False)["seconds"].median()
-    rows = [[style.method_name(method), t(value, ".0f")] for method, value in times.items()]
+    rows = [[methods.shown(method), t(value, ".0f")] for method, value in times.items()]
     return pd.DataFrame(rows, columns=["method", "CPU time [ms]"])
 
 
@@ -88,7 +87,7 @@ def ratio_series(runs: pd.DataFrame) -> dict[float, tuple[list[str], np.ndarray]
     table = summaries.summary(from_grid(runs), "ratio", by=["p", "method"])
     return {
         p: (
-            [style.method_name(m) for m in group["method"]],
+            [methods.shown(m) for m in group["method"]],
             group[["mean", "low", "high"]].to_numpy(),
         )
         for p, group in table.groupby("p", sort=False)
@@ -98,21 +97,11 @@ def ratio_series(runs: pd.DataFrame) -> dict[float, tuple[list[str], np.ndarray]
 MARKERS = "osD^v<>xP"
 
 
-def looks(names: list[str]) -> dict[str, tuple[str, str]]:
-    """Colour and dash of each curve; the quadratic loss has the colour of iSAM2, which uses it."""
-    dashes = ["-", "--", "-.", ":"]
-    return {
-        name: (style.ESTIMATE if i == 0 else style.SEQUENCE[(i - 1) % 6], dashes[i % 4])
-        for i, name in enumerate(names)
-    }
-
-
 def draw_curves(ax: Axes, x: np.ndarray, curves: dict[str, np.ndarray], **labels: str) -> None:
-    """Curves (name -> (N,)) over x, which keep their look from panel to panel."""
-    for (name, values), (colour, dash) in zip(
-        curves.items(), looks(list(curves)).values(), strict=True
-    ):
-        ax.plot(x, values, dash, color=colour, label=style.method_name(name))
+    """Curves (key of a method -> (N,)) over x."""
+    for key, values in curves.items():
+        look = methods.METHODS[key]
+        ax.plot(x, values, look.dash, color=look.colour, label=look.name)
     ax.set(**labels)
 
 
@@ -152,11 +141,15 @@ def draw_range(
 
 
 def draw_beliefs(ax: Axes, beliefs: dict[str, np.ndarray]) -> None:
-    """How much of a range each landmark gets: bars, one group for each of name -> (K,)."""
-    width = 0.8 / len(beliefs)
+    """How much of a range each landmark gets: bars, one group for each of name -> (K,).
+
+    The names are those of methods, "label" and "prior".
+    """
+    width, others = 0.8 / len(beliefs), {"label": style.TRIGGERED, "prior": style.PRINTED}
     for i, (name, shares) in enumerate(beliefs.items()):
         place = np.arange(len(shares)) + (i - (len(beliefs) - 1) / 2) * width
-        ax.bar(place, shares, width, color=style.SEQUENCE[i], label=style.method_name(name))
+        colour = others.get(name) or methods.METHODS[name].colour
+        ax.bar(place, shares, width, color=colour, label=methods.shown(name))
     ax.set(xlabel="landmark", ylabel="share of the range", xticks=range(len(shares)))
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=2)
 
@@ -189,5 +182,5 @@ def record(config: Config, runs: pd.DataFrame, to: report.Report) -> None:
         to.sample(f"{here}.ratio", rows["ratio"])
         to.sample(f"{here}.nees", rows["nees"])
         to.value(f"{here}.worst", rows["ratio"].max(), n=len(rows), within=0.5)
-        lost = 100 * (rows["ratio"] > LOST).mean()
+        lost = 100 * (rows["ratio"] > estimators.LOST).mean()
         to.value(f"{here}.lost", lost, ".0f", "%", n=len(rows), within=200 / len(rows))

@@ -60,19 +60,6 @@ def stack(width: float, height: float, n: int) -> tuple[Figure, list[Axes]]:
     return fig, list(axes)
 
 
-METHOD_NAMES = {
-    "isam2": "iSAM2", "sngr": "SNGR", "huber": "Huber", "cauchy": "Cauchy", "dcs": "DCS",
-    "geman_mcclure": "Geman-McClure", "gnc_tls": "GNC-TLS", "gnc_gm": "GNC-GM",
-    "max_mixture_null": "max-mixture, null", "max_mixture_all": "max-mixture, all",
-    "fastslam": "FastSLAM", "em": "EM", "em_exclusive": "EM, exclusive",
-}  # fmt: skip
-
-
-def method_name(key: str) -> str:
-    """How tables and figures name a method of `estimators`, or anything else with underscores."""
-    return METHOD_NAMES.get(key, key.replace("_", " "))
-
-
 PRESET_COLOURS = {"A": LANDMARK, "B": ESTIMATE, "C": SAMPLES}
 
 PRESET_MARKERS = {"A": "^", "B": "o", "C": "s"}
