@@ -41,14 +41,9 @@ def quantile_interval(clean: np.ndarray, alpha: float, level: float = 0.95) -> t
 
     Source: David & Nagaraja, Order Statistics, 2003, section 7.1.
     """
-    ordered = np.concatenate([[-np.inf], np.sort(_checked(clean, alpha)), [np.inf]])
-    below = stats.binom(len(clean), 1 - alpha)  # scores below the quantile
-    tail = (1 - level) / 2
-    low = int(below.ppf(tail))
-    if below.cdf(low - 1) > tail:  # ppf is right to its last digit only
-        low -= 1
-    high = int(below.isf(tail)) + 1
-    return float(ordered[low]), float(ordered[high])
+    found = stats.quantile_test(_checked(clean, alpha), p=1 - alpha).confidence_interval(level)
+    low = -np.inf if np.isnan(found.low) else float(found.low)
+    return low, np.inf if np.isnan(found.high) else float(found.high)
 
 
 def _checked(clean: np.ndarray, alpha: float) -> np.ndarray:

@@ -35,14 +35,14 @@ def ranking(
         true, worlds = group[truth].to_numpy(), group["seed"].to_numpy()
         for name in names:
             score = group[name].to_numpy()
-            within, (low, high), _ = cluster_bootstrap.within_auc(score, true, worlds, rng=rng)
+            within, _ = cluster_bootstrap.within_auc(score, true, worlds, rng=rng)
             found.append({
                 **dict(zip(GROUPS, keys, strict=True)), "detector": name, "truth": truth,
                 **_columns("auc", cluster_bootstrap.roc_auc(score, true, worlds, rng=rng)),
                 **_columns(
                     "precision", cluster_bootstrap.average_precision(score, true, worlds, rng=rng)
                 ),
-                **_columns("within", cluster_bootstrap.Interval(within, low, high)),
+                **_columns("within", within),
                 "base_rate": true.mean(), "worlds": len(np.unique(worlds)),
             })  # fmt: skip
     return pd.DataFrame(found)

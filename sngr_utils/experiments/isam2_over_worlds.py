@@ -196,12 +196,10 @@ def auc_rows(sweep: Sweep, *, rng: np.random.Generator) -> pd.DataFrame:
     rows = []
     for (preset, p), found in sweep.scores.query("eligible").groupby(["preset", "p"], sort=False):
         score, failed = found["score"].to_numpy(), found["failed"].to_numpy()
-        within, (low, high), n = cluster_bootstrap.within_auc(
-            score, failed, found["seed"].to_numpy(), rng=rng
-        )
+        within, n = cluster_bootstrap.within_auc(score, failed, found["seed"].to_numpy(), rng=rng)
         rows.append({
             "preset": preset, "p": p, "pooled": precision_recall.roc_auc(score, failed),
-            "within": within, "low": low, "high": high, "worlds": n,
+            "within": within.value, "low": within.low, "high": within.high, "worlds": n,
             "average_precision": precision_recall.average_precision(score, failed),
             "base_rate": float(failed.mean()),
         })  # fmt: skip

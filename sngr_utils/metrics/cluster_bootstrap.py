@@ -11,7 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-DRAWS = 500
+from sngr_utils.metrics import precision_recall
+
+DRAWS, WITHIN_DRAWS = 500, 2000
 FEW = 5  # worlds below which there is no interval
 
 
@@ -56,6 +58,33 @@ def roc_auc(
     return _interval(wins, (counts @ positives) * (counts @ negatives), n)
 
 
+def within_auc(
+    scores: np.ndarray, truth: np.ndarray, worlds: np.ndarray, *, rng: np.random.Generator
+) -> tuple[Interval, int]:
+    """AUC from pairs of windows of the same world only, and the number of worlds that count.
+
+    A pooled AUC also compares windows of different worlds, whose scores may differ in level; this
+    one asks whether a score ranks the windows of one world. Worlds where all windows are alike
+    have no pair. Arguments as `roc_auc`.
+    """
+    won, pairs = [], []
+    for name in np.unique(worlds):
+        here = np.asarray(worlds) == name
+        positive, negative = scores[here & truth], scores[here & ~truth]
+        if len(positive) and len(negative):
+            gap = positive[:, None] - negative
+            won.append(float(np.sum((gap > 0) + 0.5 * (gap == 0))))
+            pairs.append(gap.size)
+    n = len(pairs)
+    if n == 0:
+        return NOTHING, 0
+    won, pairs = np.array(won), np.array(pairs)
+    if n < FEW:
+        return Interval(float(won.sum() / pairs.sum()), math.nan, math.nan), n
+    counts = _draws(n, rng, WITHIN_DRAWS)
+    return _interval(counts @ won, counts @ pairs, n), n
+
+
 def average_precision(
     scores: np.ndarray, truth: np.ndarray, worlds: np.ndarray, *, rng: np.random.Generator
 ) -> Interval:
@@ -75,13 +104,12 @@ def average_precision(
 def matthews(
     fired: np.ndarray, truth: np.ndarray, worlds: np.ndarray, *, rng: np.random.Generator
 ) -> Interval:
-    """Matthews correlation of decisions and truth, both (N,) bool; see `Detection.mcc`."""
+    """Matthews correlation of decisions and truth, both (N,) bool; see `Detection.matthews`."""
     names, group = _groups(worlds)
     cells = [fired & truth, fired & ~truth, ~fired & truth, ~fired & ~truth]
     counts = np.array([np.bincount(group, cell, len(names)) for cell in cells])
-    tp, fp, fn, tn = counts @ _draws(len(names), rng).T
-    product = (tp + fp) * (tp + fn) * (tn + fp) * (tn + fn)
-    return _interval(tp * tn - fp * fn, np.sqrt(product), len(names))
+    above, below = precision_recall.matthews_parts(*(counts @ _draws(len(names), rng).T))
+    return _interval(above, below, len(names))
 
 
 def share(
@@ -119,9 +147,9 @@ def _starts(group: np.ndarray) -> np.ndarray:
     return np.flatnonzero(np.diff(group, prepend=-1))
 
 
-def _draws(n: int, rng: np.random.Generator) -> np.ndarray:
-    """(1 + DRAWS, n) how often each world counts: once in the first row, then as drawn."""
-    drawn = rng.multinomial(n, np.full(n, 1 / n), size=DRAWS)
+def _draws(n: int, rng: np.random.Generator, times: int = DRAWS) -> np.ndarray:
+    """(1 + times, n) how often each world counts: once in the first row, then as drawn."""
+    drawn = rng.multinomial(n, np.full(n, 1 / n), size=times)
     return np.vstack([np.ones(n), drawn])
 
 
@@ -140,39 +168,3 @@ def _interval(numerator: np.ndarray, denominator: np.ndarray, n: int) -> Interva
         return Interval(float(ratio[0]), math.nan, math.nan)
     low, high = np.quantile(ratio[1:], [0.025, 0.975])
     return Interval(float(ratio[0]), float(low), float(high))
-
-
-def within_auc(
-    scores: np.ndarray, truth: np.ndarray, worlds: np.ndarray, *, rng: np.random.Generator
-) -> tuple[float, tuple[float, float], int]:
-    """AUC from pairs of cases of the same world only, its 95 % interval, and worlds that count.
-
-    A pooled AUC also compares cases of different worlds, whose scores may differ in level; this
-    one asks whether a score ranks the cases of one world. Worlds where all cases are alike have
-    no pair. The interval draws whole worlds; NaN below five of them, which say too little.
-
-    Parameters
-    ----------
-    scores : (N,) higher means more likely true
-    truth : (N,) bool
-    worlds : (N,) which world each case is of, e.g. its seed
-
-    Source: Field & Welsh, Bootstrapping clustered data, JRSS B 69, 2007.
-    """
-    won, pairs = [], []
-    for name in np.unique(worlds):
-        here = np.asarray(worlds) == name
-        positive, negative = scores[here & truth], scores[here & ~truth]
-        if len(positive) and len(negative):
-            gap = positive[:, None] - negative
-            won.append(float(np.sum((gap > 0) + 0.5 * (gap == 0))))
-            pairs.append(gap.size)
-    n = len(pairs)
-    if n == 0:
-        return float("nan"), (float("nan"), float("nan")), 0
-    won, pairs = np.array(won), np.array(pairs)
-    if n < 5:
-        return float(won.sum() / pairs.sum()), (float("nan"), float("nan")), n
-    drawn = rng.multinomial(n, np.full(n, 1 / n), size=2000)
-    low, high = np.quantile((drawn @ won) / (drawn @ pairs), [0.025, 0.975])
-    return float(won.sum() / pairs.sum()), (float(low), float(high)), n

@@ -1,6 +1,5 @@
 """A detector against the truth: precision, recall, ROC and its area."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,16 +46,21 @@ class Detection:
 
         Source: Matthews, Biochimica et Biophysica Acta 405, 1975.
         """
-        silent, sound = self.total - self.triggered, self.total - self.failed
-        product = self.triggered * self.failed * silent * sound
-        agreement = self.true_positives * self.true_negatives
-        disagreement = self.false_positives * self.false_negatives
-        return (agreement - disagreement) / math.sqrt(product) if product else float("nan")
+        above, below = matthews_parts(
+            self.true_positives, self.false_positives, self.false_negatives, self.true_negatives
+        )
+        return float(above / below) if below else float("nan")
 
     @property
     def base_rate(self) -> float:
         """Share of all cases that are true: the precision of firing at random among them."""
         return self.failed / self.total if self.total else float("nan")
+
+
+def matthews_parts(tp, fp, fn, tn) -> tuple[np.ndarray, np.ndarray]:
+    """Numerator and denominator of `Detection.matthews`, of counts or arrays of counts."""
+    product = (tp + fp) * (tp + fn) * (tn + fp) * (tn + fn)
+    return tp * tn - fp * fn, np.sqrt(product)
 
 
 def detection(fired: np.ndarray, failed: np.ndarray) -> Detection:

@@ -25,24 +25,15 @@ def summary(frame: pd.DataFrame, value: str, by: Sequence[str] = ("preset", "p")
     low and high are NaN for a single value, mean too for none.
     """
     groups = frame.groupby(list(by), sort=False)[value]
-    return groups.apply(mean_and_errors).unstack().reset_index().astype({"n": int, "missing": int})
+    table = groups.agg(["mean", "sem", "count", "size"]).rename(columns={"sem": "se", "count": "n"})
+    reach = stats.t.ppf((1 + LEVEL) / 2, table["n"] - 1) * table["se"]
+    table["missing"] = table.pop("size") - table["n"]
+    return table.assign(low=table["mean"] - reach, high=table["mean"] + reach).reset_index()
 
 
 def mean_and_errors(values: pd.Series) -> pd.Series:
     """The row of `summary` for one group of values."""
-    used = values.dropna().to_numpy(dtype=float)
-    n = len(used)
-    mean = used.mean() if n else np.nan
-    se = used.std(ddof=1) / np.sqrt(n) if n > 1 else np.nan
-    reach = stats.t.ppf((1 + LEVEL) / 2, n - 1) * se if n > 1 else np.nan
-    return pd.Series({
-        "mean": mean,
-        "se": se,
-        "n": n,
-        "missing": len(values) - n,
-        "low": mean - reach,
-        "high": mean + reach,
-    })
+    return summary(pd.DataFrame({"all": 0, "of": values}), "of", ["all"]).iloc[0]
 
 
 def precision_over_base(detections: pd.DataFrame, runs: pd.DataFrame) -> pd.Series:

@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 from IPython.display import HTML
 
+from sngr_utils.metrics.cluster_bootstrap import FEW
 from sngr_utils.metrics.standard_error import standard_deviation
 
 NONE = "–"  # what a table shows where there is nothing to show
-FEW = 5  # worlds below which no interval is shown
 
 
 def text(value: float | None, fmt: str = ".2f") -> str:

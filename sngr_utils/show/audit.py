@@ -1,4 +1,4 @@
-"""The tables and figures of notebook 05, and what it records."""
+"""The tables and figures of notebook 05, and what it records. Long, for it has twenty tables."""
 
 from collections.abc import Sequence
 
@@ -18,9 +18,6 @@ from sngr_utils.show.common import legend_above
 from sngr_utils.show.style import WRONG_LABEL
 
 t = text
-
-
-NOTHING_MISSING = pd.Series({"missing": 0})
 
 
 def by_preset(
@@ -74,10 +71,10 @@ def auc_table(rows: pd.DataFrame) -> pd.DataFrame:
     shown = [
         [
             row["preset"], f"{row['p']:g}", t(row["pooled"]),
-            interval(row.rename({"within": "mean", "worlds": "n"}).combine_first(NOTHING_MISSING)),
+            interval(row.rename({"within": "mean", "worlds": "n"})),
             str(row["worlds"]), t(row["average_precision"]), t(row["base_rate"]),
         ]
-        for _, row in rows.iterrows()
+        for _, row in rows.assign(missing=0).iterrows()
     ]  # fmt: skip
     heads = ["preset", "p", "pooled AUC", "AUC within worlds", "worlds", "average precision",
              "base rate"]  # fmt: skip
@@ -256,15 +253,11 @@ def readings_table(readings: pd.DataFrame) -> pd.DataFrame:
     """Mean of every reading with its standard error, and its range: over worlds, or over runs."""
     if "seed" in readings:
         readings = readings.drop(columns=["window", "preset"]).groupby("seed").mean()
-    columns = [name for name in readings.columns if name not in ("window", "preset", "seed")]
     rows = [
-        [
-            name,
-            f"{t(x.mean(), '.4g')} ± {t(standard_error.standard_error(x), '.2g')}",
-            f"{t(x.min(), '.4g')} to {t(x.max(), '.4g')}",
-        ]
-        for name, x in ((name, readings[name]) for name in columns)
-    ]
+        [name, f"{t(x.mean(), '.4g')} ± {t(standard_error.standard_error(x), '.2g')}",
+         f"{t(x.min(), '.4g')} to {t(x.max(), '.4g')}"]
+        for name, x in readings.items()
+    ]  # fmt: skip
     return pd.DataFrame(rows, columns=["reading", "ours", "range"])
 
 

@@ -142,14 +142,14 @@ def detection_rows(config: Config, landmarks: pd.DataFrame, found: pd.DataFrame)
                 if len(set(scored[1])) == 2
                 else (np.zeros(1),) * 2
             )
-            within, _, _ = cluster_bootstrap.within_auc(
+            within, _ = cluster_bootstrap.within_auc(
                 *scored, frame[size].to_numpy()[known], rng=np.random.default_rng(0)
             )
             rows.append({
                 "case": case, "trigger": name, "found": counts.true_positives,
                 "missed": counts.false_negatives, "false": counts.false_positives,
                 "silent": counts.true_negatives, "auc": precision_recall.roc_auc(*scored),
-                "auc_within": within, "youden": float((true_rate - false_rate).max()),
+                "auc_within": within.value, "youden": float((true_rate - false_rate).max()),
             })  # fmt: skip
     return pd.DataFrame(rows)
 

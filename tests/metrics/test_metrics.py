@@ -119,25 +119,25 @@ def test_auc_within_worlds_is_not_fooled_by_their_levels():
     worlds = np.array([0, 0, 1, 1])
     assert precision_recall.roc_auc(scores, truth) < 1
     rng = np.random.default_rng(0)
-    within, (low, high), n = cluster_bootstrap.within_auc(scores, truth, worlds, rng=rng)
+    found, n = cluster_bootstrap.within_auc(scores, truth, worlds, rng=rng)
+    within, low, high = found.value, found.low, found.high
     assert (within, n) == (1.0, 2)
     assert np.isnan([low, high]).all()  # two worlds say too little
     many = cluster_bootstrap.within_auc(
         np.tile(scores, 5), np.tile(truth, 5), np.repeat(np.arange(10), 2), rng=rng
     )
-    assert many == (1.0, (1.0, 1.0), 10)
+    assert many == (cluster_bootstrap.Interval(1.0, 1.0, 1.0), 10)
     alone = cluster_bootstrap.within_auc(scores, np.ones(4, bool), worlds, rng=rng)
-    assert np.isnan(alone[0])
-    assert alone[2] == 0
+    assert alone == (cluster_bootstrap.NOTHING, 0)
 
 
 def test_auc_within_one_world_is_the_auc_and_halves_ties():
     rng = np.random.default_rng(2)
     scores, truth = rng.integers(0, 5, size=40).astype(float), rng.random(40) < 0.4
-    within, _, _ = cluster_bootstrap.within_auc(scores, truth, np.zeros(40), rng=rng)
-    assert within == pytest.approx(precision_recall.roc_auc(scores, truth))
+    within, _ = cluster_bootstrap.within_auc(scores, truth, np.zeros(40), rng=rng)
+    assert within.value == pytest.approx(precision_recall.roc_auc(scores, truth))
     tied = cluster_bootstrap.within_auc(np.ones(2), np.array([True, False]), np.zeros(2), rng=rng)
-    assert tied[0] == 0.5
+    assert tied[0].value == 0.5
 
 
 @pytest.mark.parametrize("n", [4, 5])
@@ -146,7 +146,7 @@ def test_auc_within_has_an_interval_from_five_worlds_on(n):
     scores = np.tile([0.0, 1.0], n)
     truth, worlds = np.tile([False, True], n), np.repeat(np.arange(n), 2)
     truth[:2] = [True, False]
-    within, (low, high), counted = cluster_bootstrap.within_auc(
+    (within, low, high), counted = cluster_bootstrap.within_auc(
         scores, truth, worlds, rng=np.random.default_rng(0)
     )
     assert (within, counted) == (1 - 1 / n, n)
@@ -161,7 +161,7 @@ def test_interval_of_auc_within_is_that_of_drawn_worlds():
     scores, worlds = np.tile([0.0, 1.0], 50), np.repeat(np.arange(50), 2)
     truth = np.tile([False, True], 50)
     truth[60:] = ~truth[60:]
-    _, ends, _ = cluster_bootstrap.within_auc(scores, truth, worlds, rng=np.random.default_rng(0))
+    (_, *ends), _ = cluster_bootstrap.within_auc(scores, truth, worlds, rng=np.random.default_rng(0))
     law = stats.binom(50, 0.6)
     assert 50 * np.array(ends) == pytest.approx([law.ppf(0.025), law.ppf(0.975)], abs=1.01)
 
