@@ -146,11 +146,12 @@ def test_auc_within_has_an_interval_from_five_worlds_on(n):
     scores = np.tile([0.0, 1.0], n)
     truth, worlds = np.tile([False, True], n), np.repeat(np.arange(n), 2)
     truth[:2] = [True, False]
-    (within, low, high), counted = cluster_bootstrap.within_auc(
+    found, counted = cluster_bootstrap.within_auc(
         scores, truth, worlds, rng=np.random.default_rng(0)
     )
-    assert (within, counted) == (1 - 1 / n, n)
-    assert np.isnan([low, high]).all() if n < 5 else low < within < high == 1
+    assert (found.value, counted) == (1 - 1 / n, n)
+    ends = [found.low, found.high]
+    assert np.isnan(ends).all() if n < 5 else ends[0] < found.value < ends[1] == 1
 
 
 def test_interval_of_auc_within_is_that_of_drawn_worlds():
@@ -161,9 +162,9 @@ def test_interval_of_auc_within_is_that_of_drawn_worlds():
     scores, worlds = np.tile([0.0, 1.0], 50), np.repeat(np.arange(50), 2)
     truth = np.tile([False, True], 50)
     truth[60:] = ~truth[60:]
-    (_, *ends), _ = cluster_bootstrap.within_auc(scores, truth, worlds, rng=np.random.default_rng(0))
+    found, _ = cluster_bootstrap.within_auc(scores, truth, worlds, rng=np.random.default_rng(0))
     law = stats.binom(50, 0.6)
-    assert 50 * np.array(ends) == pytest.approx([law.ppf(0.025), law.ppf(0.975)], abs=1.01)
+    assert 50 * np.array([found.low, found.high]) == pytest.approx([law.ppf(0.025), law.ppf(0.975)], abs=1.01)
 
 
 @pytest.mark.parametrize("value", [True, False])
