@@ -162,9 +162,12 @@ def test_interval_of_auc_within_is_that_of_drawn_worlds():
     scores, worlds = np.tile([0.0, 1.0], 50), np.repeat(np.arange(50), 2)
     truth = np.tile([False, True], 50)
     truth[60:] = ~truth[60:]
-    found, _ = cluster_bootstrap.within_auc(scores, truth, worlds, rng=np.random.default_rng(0))
+    rng = np.random.default_rng(0)
+    found, _ = cluster_bootstrap.within_auc(scores, truth, worlds, rng=rng)
     law = stats.binom(50, 0.6)
-    assert 50 * np.array([found.low, found.high]) == pytest.approx([law.ppf(0.025), law.ppf(0.975)], abs=1.01)
+    assert 50 * np.array([found.low, found.high]) == pytest.approx(
+        [law.ppf(0.025), law.ppf(0.975)], abs=1.01
+    )
 
 
 @pytest.mark.parametrize("value", [True, False])
