@@ -53,6 +53,35 @@ def test_what_is_said_of_the_package_is_there(name):
         pkgutil.resolve_name(dotted)
 
 
+def docstrings(folder, kinds):
+    """(file, name, docstring) of every definition below a folder that has one."""
+    for path in sorted(folder.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, kinds) and ast.get_docstring(node):
+                yield path, node.name, ast.get_docstring(node)
+
+
+def test_equations_lead_to_code_and_back():
+    """Each labelled equation is one public function's, and one closed-form test's."""
+    text = (paths.PAPER / "sngr.tex").read_text(encoding="utf-8")
+    labels = sorted(re.findall(r"\\label\{eq:(\w+)\}", text))
+    definitions = (ast.FunctionDef, ast.ClassDef)
+    coded = [
+        label
+        for path, name, told in docstrings(paths.PACKAGE, definitions)
+        for label in re.findall(r'paper eq\. "(\w+)"', told)
+        if not name.startswith("_")
+    ]
+    tested = [
+        label
+        for path, name, told in docstrings(paths.ROOT / "tests", ast.FunctionDef)
+        for label in re.findall(r'^Equation "(\w+)"', told)
+        if name.startswith("test_")
+    ]
+    assert sorted(coded) == labels
+    assert sorted(tested) == labels
+
+
 def test_lock_pins_everything_with_hashes_and_no_address():
     text = paths.LOCK.read_text(encoding="utf-8")
     assert "://" not in text

@@ -46,7 +46,7 @@ class Prior:
 
 
 def gaussian(mean: np.ndarray, covariance: np.ndarray, scale: float) -> Prior:
-    """N(mean, scale * covariance) (paper eq. "prior").
+    """N(mean, scale * covariance), the paper's prior.
 
     Parameters
     ----------

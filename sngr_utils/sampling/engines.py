@@ -30,7 +30,7 @@ def sample_window(
     *,
     rng: np.random.Generator,
 ) -> WeightedSamples:
-    """Sample the posterior of a few variables under N(MAP, c Sigma) (paper eq. "prior").
+    """Sample the posterior of a few variables under N(MAP, c Sigma), see `prior_transform`.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The prior transform: from the unit cube to a Gaussian (paper eq. "prior")."""
+"""The prior transform: from the unit cube to a Gaussian."""
 
 from collections.abc import Callable
 
@@ -7,7 +7,7 @@ from scipy.special import ndtri
 
 
 def prior_transform(covariance: np.ndarray, scale: float) -> Callable[[np.ndarray], np.ndarray]:
-    """Map from the unit cube to N(0, scale * covariance): Cholesky factor and probit.
+    """Map from the unit cube to N(0, scale * covariance), by probit (paper eq. "prior").
 
     Parameters
     ----------

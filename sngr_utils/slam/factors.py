@@ -21,7 +21,7 @@ def pose_prior(pose: np.ndarray, sigmas: list[float]) -> gtsam.PriorFactorPose2:
 
 
 def odometry_factor(t: int, motion: np.ndarray, scenario: Scenario) -> gtsam.BetweenFactorPose2:
-    """N(x_{t+1}; x_t (+) u_t, Sigma_u), the motion in the body frame of x_t."""
+    """N(x_{t+1}; x_t (+) u_t, Sigma_u), u_t in the body frame of x_t (paper eq. "odometry")."""
     s = scenario
     sigmas = s.odometry_sigmas
     noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
@@ -29,7 +29,7 @@ def odometry_factor(t: int, motion: np.ndarray, scenario: Scenario) -> gtsam.Bet
 
 
 def range_factor(t: int, k: int, distance: float, sigma: float) -> gtsam.RangeFactor2D:
-    """N(z; ||x_t.xy - l_k||, sigma^2), a circle of radius z around the landmark."""
+    """N(z; ||x_t.xy - l_k||, sigma^2), a circle about the landmark (paper eq. "range")."""
     return gtsam.RangeFactor2D(X(t), L(k), distance, gtsam.noiseModel.Isotropic.Sigma(1, sigma))
 
 

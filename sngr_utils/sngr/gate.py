@@ -1,4 +1,4 @@
-"""The gate: is the mean of the samples as good as the MAP (paper eq. "gate")?"""
+"""The gate: is the mean of the samples as good as the MAP?"""
 
 import math
 from typing import Annotated

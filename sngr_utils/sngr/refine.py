@@ -99,7 +99,7 @@ def judge(
     run: WeightedSamples,
     gate: Gate,
 ) -> RefinedWindow:
-    """The gate's decision on the mean of a window's samples (paper eq. "gate").
+    """The gate's decision on the mean of a window's samples, see `gate.passes_gate`.
 
     Of what moves along with the window's poses nothing is kept.
 

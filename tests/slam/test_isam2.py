@@ -8,7 +8,7 @@ from helpers import dense_covariance
 
 from sngr_utils.slam import conventions, isam2, landmark_starts, marginals
 from sngr_utils.slam.factors import landmark_prior, odometry_factor, pose_prior, range_factor
-from sngr_utils.slam.solution import pose_vector, poses_of
+from sngr_utils.slam.solution import poses_of
 from sngr_utils.sngr import baseline, windows
 from sngr_utils.world import simulation
 from sngr_utils.world.scenario import Scenario
@@ -34,23 +34,35 @@ def test_position_covariances_in_both_frames(clean):
     assert np.allclose(rotated[5], r @ body[5] @ r.T)
 
 
-def test_factor_errors_are_half_squared_residuals():
-    """Equations "odometry" and "range", and the prior: error() holds the one half already."""
-    scenario, values = Scenario(), gtsam.Values()
-    values.insert(X(0), gtsam.Pose2(0.3, 0.4, 0.1))
+def test_odometry_error_in_closed_form():
+    """Equation "odometry": a wrong translation, seen from the end that was predicted."""
+    predicted, there = np.array([1.0, 0.0, 0.5]), np.array([1.3, 0.4, 0.5])
+    values = gtsam.Values()
+    values.insert(X(0), gtsam.Pose2())
+    values.insert(X(1), gtsam.Pose2(*there))
+    cos, sin = np.cos(0.5), np.sin(0.5)
+    residual = np.array([cos * 0.3 + sin * 0.4, -sin * 0.3 + cos * 0.4])
+    expected = 0.5 * np.sum((residual / 0.05) ** 2)
+    assert odometry_factor(0, predicted, Scenario()).error(values) == pytest.approx(expected)
+    turned = odometry_factor(0, there + [0, 0, 0.03], Scenario())
+    assert turned.error(values) == pytest.approx(0.5 * (0.03 / 0.01) ** 2)
+
+
+def test_range_error_in_closed_form():
+    """Equation "range": half the squared residual, which error() has already."""
+    values = gtsam.Values()
     values.insert(X(1), gtsam.Pose2(1.0, 0.0, 0.2))
     values.insert(L(0), np.array([4.0, 4.0]))
-    prior = pose_prior(np.zeros(3), [0.1, 0.2, 0.5])
-    local = gtsam.Pose2(0, 0, 0).localCoordinates(values.atPose2(X(0)))
-    assert prior.error(values) == pytest.approx(0.5 * np.sum((local / [0.1, 0.2, 0.5]) ** 2))
     seen = range_factor(1, 0, 6.0, 0.1)
     assert seen.error(values) == pytest.approx(0.5 * ((5.0 - 6.0) / 0.1) ** 2)
-    true_motion = values.atPose2(X(0)).between(values.atPose2(X(1)))
-    motion = pose_vector(true_motion) - [0.05, 0, 0]
-    moved = odometry_factor(0, motion, scenario)
-    residual = gtsam.Pose2(*motion).localCoordinates(true_motion)
-    expected = 0.5 * np.sum((residual / [0.05, 0.05, 0.01]) ** 2)
-    assert moved.error(values) == pytest.approx(expected)
+
+
+def test_prior_errors_in_closed_form():
+    values = gtsam.Values()
+    values.insert(X(0), gtsam.Pose2(0.3, 0.0, 0.0))
+    values.insert(L(0), np.array([4.0, 4.0]))
+    prior = pose_prior(np.zeros(3), [0.1, 0.2, 0.5])
+    assert prior.error(values) == pytest.approx(0.5 * (0.3 / 0.1) ** 2)
     landmark = landmark_prior(0, np.array([3.0, 4.0]), 0.5)
     assert landmark.error(values) == pytest.approx(0.5 * (1 / 0.5) ** 2)
 

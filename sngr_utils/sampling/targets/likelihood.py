@@ -1,4 +1,4 @@
-"""The local log-likelihood of a window by GTSAM (paper eq. "ll")."""
+"""The local log-likelihood of a window, by GTSAM."""
 
 import gtsam
 import numpy as np

@@ -41,5 +41,5 @@ def run_isam2(scene: TwoAnchors, at: np.ndarray, updates: int = 10) -> gtsam.Val
 
 
 def log_likelihood(scene: TwoAnchors, estimate: gtsam.Values, factor: float) -> LocalLikelihood:
-    """Local log-likelihood of the landmark (paper eq. "ll"), as a function of its offset."""
+    """Local log-likelihood of the landmark, as a function of its offset."""
     return LocalLikelihood(build_graph(scene), estimate, [LANDMARK], factor)
