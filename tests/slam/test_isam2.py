@@ -44,7 +44,7 @@ def test_odometry_error_in_closed_form():
     residual = np.array([cos * 0.3 + sin * 0.4, -sin * 0.3 + cos * 0.4])
     expected = 0.5 * np.sum((residual / 0.05) ** 2)
     assert odometry_factor(0, predicted, Scenario()).error(values) == pytest.approx(expected)
-    turned = odometry_factor(0, there + [0, 0, 0.03], Scenario())
+    turned = odometry_factor(0, there + np.array([0, 0, 0.03]), Scenario())
     assert turned.error(values) == pytest.approx(0.5 * (0.03 / 0.01) ** 2)
 
 
