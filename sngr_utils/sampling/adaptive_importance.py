@@ -15,7 +15,7 @@ import numpy as np
 from sngr_utils.metrics.effective_sample_size import effective_sample_size
 from sngr_utils.numerics.jit import compile_once
 from sngr_utils.numerics.linalg import distances
-from sngr_utils.sampling.importance import DEGREES
+from sngr_utils.numerics.student_t import DEGREES, log_fall, log_height, student_t
 from sngr_utils.sampling.modes import Modes, inverse_factors
 from sngr_utils.sampling.targets.ambiguous_window import LOG_TAU, Window
 from sngr_utils.sampling.targets.landmark import Landmark
@@ -46,19 +46,16 @@ class Mixture:
     def draw(self, n: int, *, rng: np.random.Generator) -> np.ndarray:
         """(n, d) draws"""
         which = rng.choice(len(self.shares), n, p=self.shares)
-        noise = rng.standard_normal((n, self.places.shape[1]))
-        noise *= np.sqrt(DEGREES / rng.chisquare(DEGREES, (n, 1)))
+        noise = student_t(n, self.places.shape[1], rng=rng)
         spreads = np.linalg.cholesky(self.covariances)[which]
         return self.places[which] + np.einsum("nij,nj->ni", spreads, noise)
 
     def each(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(N, K) log of share times density [nats], and squared Mahalanobis distances."""
         d, inverses = points.shape[1], inverse_factors(self.covariances)
-        constant = math.lgamma(0.5 * (DEGREES + d)) - math.lgamma(0.5 * DEGREES)
-        constant -= 0.5 * d * math.log(DEGREES * math.pi)
-        heights = np.log(self.shares) + np.linalg.slogdet(inverses)[1] + constant
+        heights = np.log(self.shares) + np.linalg.slogdet(inverses)[1] + log_height(d)
         away = distances(points, self.places, inverses)
-        return heights - 0.5 * (DEGREES + d) * np.log1p(away / DEGREES), away
+        return heights + log_fall(away, d), away
 
     def fitted(
         self, points: np.ndarray, weights: np.ndarray, each: tuple[np.ndarray, np.ndarray]

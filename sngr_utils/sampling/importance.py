@@ -11,13 +11,13 @@ import numpy as np
 
 from sngr_utils.numerics.jit import compile_once
 from sngr_utils.numerics.linalg import factorise, solve_lower, solve_upper
+from sngr_utils.numerics.student_t import log_fall, log_height, student_t
 from sngr_utils.sampling.importance_diagnostics import MAX_MODES, MIN_ESS, Diagnostics
 from sngr_utils.sampling.pareto_k_hat import pareto_k_hat
 from sngr_utils.sampling.settings import FastSettings
 from sngr_utils.sampling.targets.compiled import Factors, energy, residuals
 from sngr_utils.sampling.weighted_samples import WeightedSamples
 
-DEGREES = 10.0  # of freedom of the proposal's Student t components
 SAME_MODE = 1.0  # modes nearer than this in their own standard deviations are one
 MORE = 20
 
@@ -188,8 +188,7 @@ def _weigh(factors, cholesky, modes, lowers, spreads, component, noise):
     poses, points = factors.poses.copy(), factors.points.copy()
     samples, values, ratios = np.empty((n, d)), np.empty(n), np.empty(n)
     x, z, work, log_norm = np.empty(d), np.empty(d), np.empty(d), np.empty(len(modes))
-    power = 0.5 * (DEGREES + d)
-    constant = math.lgamma(power) - math.lgamma(0.5 * DEGREES) + 0.5 * d * math.log(2 / DEGREES)
+    constant = log_height(d) + 0.5 * d * math.log(2 * math.pi)  # of the prior's density
     for m in range(len(modes)):
         log_norm[m] = constant + math.log(np.sum(component == m) / n)
         for i in range(d):
@@ -203,11 +202,11 @@ def _weigh(factors, cholesky, modes, lowers, spreads, component, noise):
             z[i] = total
             norm += total * total
             near += noise[k, i] * noise[k, i]
-        proposal = math.exp(log_norm[own] - power * math.log1p(near / DEGREES))
+        proposal = math.exp(log_norm[own] + log_fall(near, d))
         for m in range(len(modes)):
             if m != own:
                 far = _distance(lowers[m], z, modes[m], work)
-                proposal += math.exp(log_norm[m] - power * math.log1p(far / DEGREES))
+                proposal += math.exp(log_norm[m] + log_fall(far, d))
         for i in range(d):
             total = 0.0
             for j in range(i + 1):
@@ -283,8 +282,9 @@ def _draw(
     """Importance samples from a mixture, its components drawn from in fixed shares."""
     component = np.repeat(np.arange(len(shares)), np.maximum(1, (n_draws * shares).astype(int)))
     n, d = len(component), len(cholesky)
-    noise = rng.standard_normal((n, d)) / np.sqrt(rng.chisquare(DEGREES, (n, 1)) / DEGREES)
-    x, log_likelihoods, ratios = _weigh(factors, cholesky, *mixture, component, noise)
+    x, log_likelihoods, ratios = _weigh(
+        factors, cholesky, *mixture, component, student_t(n, d, rng=rng)
+    )
     log_weights = log_likelihoods + ratios
     top = log_weights.max()
     weights = np.exp(log_weights - top)

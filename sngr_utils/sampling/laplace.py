@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaln
 
 from sngr_utils.numerics.derivatives import STEP, derivatives
-from sngr_utils.sampling.importance import DEGREES
+from sngr_utils.numerics.student_t import log_fall, log_height, student_t
 from sngr_utils.sampling.importance_diagnostics import MAX_K_HAT
 from sngr_utils.sampling.pareto_k_hat import pareto_k_hat
 from sngr_utils.sampling.targets.compiled import Factors, log_likelihoods
@@ -86,15 +85,13 @@ def sample(
     if found is None:
         return None
     spread = np.linalg.cholesky(found.covariance)
-    noise = rng.standard_normal((draws, d))
-    noise *= np.sqrt(DEGREES / rng.chisquare(DEGREES, (draws, 1)))
+    noise = student_t(draws, d, rng=rng)
     xi = found.mode + noise @ spread.T
     log_likelihood = log_likelihoods(factors, xi)
     z = np.linalg.solve(cholesky, xi.T)
     log_ratio = np.log(np.diag(spread)).sum() - np.log(np.diag(cholesky)).sum()
-    log_constant = gammaln(0.5 * (DEGREES + d)) - gammaln(0.5 * DEGREES) - 0.5 * d * np.log(DEGREES)
-    log_t = log_constant - 0.5 * (DEGREES + d) * np.log1p(np.sum(noise**2, axis=1) / DEGREES)
-    log_prior = -0.5 * np.sum(z**2, axis=0) - 0.5 * d * np.log(2)
+    log_t = log_height(d) + log_fall(np.sum(noise**2, axis=1), d)
+    log_prior = -0.5 * np.sum(z**2, axis=0) - 0.5 * d * np.log(2 * np.pi)
     log_weights = log_likelihood + log_prior - log_t + log_ratio
     log_evidence = np.logaddexp.reduce(log_weights) - np.log(draws)
     weights = np.exp(log_weights - log_evidence) / draws
