@@ -129,9 +129,9 @@ def _landmark_rows(scenario: Scenario, seed: int, n: int) -> list[dict]:
         target = world_landmark(scenario, seed, label, n)
         reference = landmark_reference(target)
         modes = find_modes(target, ring_starts(target))
-        masses = np.sort(reference.masses(modes.label(reference.points), len(modes.places)))
+        masses = np.sort(reference.masses(modes.label(reference.samples), len(modes.places)))
         kl, kl_error = reference.divergence(lambda x, modes=modes: modes.log_gaussian(0, x))
-        mean, covariance = reference.moments
+        mean, covariance = reference.mean, reference.covariance
         moments = ancestral_priors.gaussian(mean, covariance, 1.0).log_density
         test = mirror_test(target.positions, target.ranges, target.variances, modes.places[0])
         places.append(modes.places[0])
@@ -239,7 +239,7 @@ def _window_row(kind: WindowKind, seed: int, n_ranges: int) -> dict:
     truth = sampler_contest.window_truth(target, kind.n_particles, coarse, rng=rng)
     reference, modes = truth
     own = find_modes(target, ancestral_priors.tree(target).draw(sampler_contest.N_STARTS, rng=rng))
-    masses = np.sort(reference.masses(modes.label(reference.points), len(modes.places)))
+    masses = np.sort(reference.masses(modes.label(reference.samples), len(modes.places)))
     kl, kl_error = reference.divergence(lambda x: modes.log_gaussian(0, x))
     shares = np.exp(own.log_masses - np.logaddexp.reduce(own.log_masses))
     to_poses = pose_jacobian(target, modes.places[0])
