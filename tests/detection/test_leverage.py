@@ -174,3 +174,34 @@ def test_landmarks_that_a_window_does_not_see_cost_it_nothing():
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 0.02 * 8 * n_poses * (9 + 2 * n_landmarks) ** 2
+
+
+def test_surprise_is_the_tail_of_the_right_law():
+    """Of q with its rank, and of the plain sum with the number of ranges; 0 without a degree."""
+    test = leverage.ChiSquare(
+        np.array([12.0, 3.0, 0.0]), np.array([4, 2, 0]),
+        np.array([15.0, 5.0, 0.0]), np.array([6, 3, 0]),
+    )  # fmt: skip
+    ours, naive = stats.chi2.sf([12.0, 3.0], [4, 2]), stats.chi2.sf([15.0, 5.0], [6, 3])
+    assert test.surprise == pytest.approx([*-np.log10(ours), 0])
+    assert test.naive_surprise == pytest.approx([*-np.log10(naive), 0])
+
+
+@pytest.mark.parametrize("rank", [1, 3, 7])
+def test_tail_is_smooth_where_its_series_takes_over(rank):
+    """For an odd rank, Mills' ratio: one degree far out is the tail of a normal law twice."""
+    statistic = np.linspace(1180, 1240, 61)
+    tail = leverage.log_tail(statistic, np.full(61, rank))
+    assert np.diff(tail, 2) == pytest.approx(np.zeros(59), abs=1e-5)
+    if rank == 1:
+        expected = np.log(2) + special.log_ndtr(-np.sqrt(statistic))
+        assert tail == pytest.approx(expected, rel=1e-9)
+        far = leverage.log_tail(np.array([1e6]), np.array([1]))[0]
+        assert far == pytest.approx(np.log(2) + special.log_ndtr(-1e3), rel=1e-9)
+
+
+def test_directions_count_from_a_thousandth_of_a_unit_variance_on():
+    covariances = np.array([np.diag([1.0, 1.1e-3]), np.diag([1.0, 0.9e-3])])
+    statistic, rank = leverage.quadratic_form(np.full((2, 2), 2.0), covariances)
+    assert rank.tolist() == [2, 1]
+    assert statistic == pytest.approx([4 + 4 / 1.1e-3, 4])

@@ -4,7 +4,7 @@ import pytest
 
 from sngr_utils.detection import scores
 from sngr_utils.experiments import detector_scores, detector_summary
-from sngr_utils.metrics import precision_recall
+from sngr_utils.metrics import cluster_bootstrap, precision_recall
 from sngr_utils.slam import conventions
 from sngr_utils.sngr import failure, trigger
 from sngr_utils.world import scenario
@@ -80,6 +80,81 @@ def test_summaries_agree_with_the_plain_measures(rows):
             (found.precision, found.recall, found.matthews, found.base_rate), nan_ok=True
         )
         assert row["silent"] == 1 - group.assign(f=score > 0.1).groupby("seed")["f"].any().mean()
+
+
+GIVEN = pd.DataFrame({
+    "scenario": "paper", "case": np.repeat(["clean", "noisy"], 24),
+    "seed": np.tile(np.repeat(np.arange(6), 4), 2),
+    "failed": np.tile([True, False, False, True, False, False], 8),
+    "score": np.random.default_rng(0).normal(size=48), "other": np.arange(48.0),
+})  # fmt: skip
+GIVEN.loc[GIVEN["seed"] == 5, "score"] = -9.0  # nothing fires there
+
+
+def columns(name, interval):
+    return {name: interval.value, f"{name}_low": interval.low, f"{name}_high": interval.high}
+
+
+def test_ranking_has_a_row_for_each_group_and_score_with_intervals_over_worlds():
+    """What stands in a row is what the measures give for its windows, draw by draw."""
+    ranked = detector_summary.ranking(
+        GIVEN, ["score", "other"], "failed", rng=np.random.default_rng(3)
+    )
+    assert list(zip(ranked["case"], ranked["detector"], strict=True)) == [
+        ("clean", "score"), ("clean", "other"), ("noisy", "score"), ("noisy", "other"),
+    ]  # fmt: skip
+    rng = np.random.default_rng(3)
+    for i, (case, name) in enumerate(zip(ranked["case"], ranked["detector"], strict=True)):
+        group = GIVEN[GIVEN["case"] == case]
+        score, true, worlds = (group[k].to_numpy() for k in (name, "failed", "seed"))
+        within, _ = cluster_bootstrap.within_auc(score, true, worlds, rng=rng)
+        expected = {
+            "scenario": "paper", "case": case, "detector": name, "truth": "failed",
+            **columns("auc", cluster_bootstrap.roc_auc(score, true, worlds, rng=rng)),
+            **columns(
+                "precision", cluster_bootstrap.average_precision(score, true, worlds, rng=rng)
+            ),
+            **columns("within", within),
+            "base_rate": 1 / 3, "worlds": 6,
+        }  # fmt: skip
+        found = ranked.iloc[i].to_dict()
+        assert found == pytest.approx(expected)
+        assert found["auc_low"] < found["auc"] < found["auc_high"]
+        assert found["within_low"] < found["within"] < found["within_high"]
+
+
+def test_decisions_have_every_rate_with_its_interval():
+    decided = detector_summary.decisions(
+        GIVEN, {"score": 0.5, "other": 100.0}, "failed", rng=np.random.default_rng(4)
+    )
+    assert list(decided["detector"]) == ["score", "other"] * 2
+    rng = np.random.default_rng(4)
+    for i, row in decided.iterrows():
+        group = GIVEN[GIVEN["case"] == row["case"]]
+        true, worlds = group["failed"].to_numpy(), group["seed"].to_numpy()
+        fired = group[row["detector"]].to_numpy() > (0.5, 100.0)[i % 2]
+        shares = {
+            "fired": (fired, np.ones(24, bool)), "precision": (true, fired),
+            "recall": (fired, true), "false_alarms": (fired, ~true),
+        }  # fmt: skip
+        expected = {
+            "scenario": "paper", "case": ("clean", "noisy")[i // 2],
+            "detector": ("score", "other")[i % 2], "truth": "failed",
+        }  # fmt: skip
+        for name, (marked, among) in shares.items():
+            expected |= columns(name, cluster_bootstrap.share(marked, among, worlds, rng=rng))
+        expected |= columns("mcc", cluster_bootstrap.matthews(fired, true, worlds, rng=rng))
+        silent = 1.0 if i % 2 else np.mean([not fired[worlds == w].any() for w in range(6)])
+        expected |= {"base_rate": 1 / 3, "worlds": 6, "silent": silent}
+        assert row.to_dict() == pytest.approx(expected, nan_ok=True)
+    assert (decided["silent"][::2] > 0).all()
+
+
+def test_firing_is_above_the_threshold_not_at_it():
+    decided = detector_summary.decisions(
+        GIVEN, {"other": 46.0}, "failed", rng=np.random.default_rng(0)
+    )
+    assert decided["fired"].tolist() == [0, 1 / 24]
 
 
 def test_the_robust_chi_square_keeps_its_level_where_isam2_does_not():

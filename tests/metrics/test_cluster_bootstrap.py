@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from sngr_utils.metrics import cluster_bootstrap, precision_recall
 
@@ -98,3 +99,68 @@ def test_what_is_undefined_is_nan(windows):
     few = cluster_bootstrap.share(truth, ~never, np.minimum(worlds, 3), rng=rng)
     assert few.value == pytest.approx(truth.mean())
     assert np.isnan(few.low)
+
+
+@pytest.mark.parametrize("level", [0.05, 0.5, 0.95, 1.0])
+def test_quantile_with_and_without_repeated_worlds(windows, level):
+    """The smallest value that a share of at least `level` does not exceed, by NumPy."""
+    scores, _, worlds = windows
+    counts = np.array([2, 0, 1, 1, 3, 0, 0, 1])
+    got = cluster_bootstrap.quantile(scores, level, worlds, rng=Repeats(counts))
+    again = np.repeat(np.arange(96), counts[worlds])
+    assert got.value == np.quantile(scores, level, method="inverted_cdf")
+    assert got.low == got.high == np.quantile(scores[again], level, method="inverted_cdf")
+
+
+class Alternates:
+    """In the place of a generator: every other draw is the first world alone."""
+
+    def multinomial(self, n, shares, size):
+        assert shares == pytest.approx(np.full(n, 1 / n))
+        drawn = np.ones((size, n), dtype=int)
+        drawn[::2], drawn[::2, 0] = 0, n
+        return drawn
+
+
+def test_draws_in_which_it_is_undefined_are_left_out():
+    """The first world has nothing to mark, so a draw of it alone says nothing of the share."""
+    worlds = np.repeat(np.arange(5), 4)
+    among, marked = worlds > 0, np.tile([True, False, False, False], 5)
+    got = cluster_bootstrap.share(marked, among, worlds, rng=Alternates())
+    assert (got.value, got.low, got.high) == (0.25, 0.25, 0.25)
+    for name in RANKING:  # nor of a ranking, with one class only
+        got = getattr(cluster_bootstrap, name)(
+            np.arange(20.0), among & marked, worlds, rng=Alternates()
+        )
+        assert got.low == got.high == pytest.approx(got.value)
+
+
+@pytest.mark.parametrize("n", [4, 5])
+def test_five_worlds_make_an_interval(n):
+    worlds, marked = np.arange(n), np.arange(n) > 0
+    got = cluster_bootstrap.share(marked, np.ones(n, bool), worlds, rng=np.random.default_rng(0))
+    assert got.value == pytest.approx(1 - 1 / n)
+    assert np.isnan([got.low, got.high]).all() if n < 5 else got.low < got.value < got.high == 1
+
+
+def test_interval_holds_the_middle_95_percent_of_500_draws():
+    """A share of worlds alike is binomial over its draws: within 2 of 60 worlds of its quantiles.
+
+    The 2.5 % quantile of 500 draws lies two worlds off with a probability below 1e-5.
+    """
+    worlds, marked = np.arange(60), np.arange(60) < 24
+    got = cluster_bootstrap.share(marked, np.ones(60, bool), worlds, rng=np.random.default_rng(0))
+    law = stats.binom(60, 0.4)
+    ends = 60 * np.array([got.low, got.high])
+    assert ends == pytest.approx([law.ppf(0.025), law.ppf(0.975)], abs=2.01)
+
+
+def test_all_alike_has_no_ranking(windows):
+    scores, truth, worlds = windows
+    for name in RANKING:
+        for alike in (np.ones(96, bool), np.zeros(96, bool)):
+            got = getattr(cluster_bootstrap, name)(
+                scores, alike, worlds, rng=Repeats(np.ones(8, int))
+            )
+            assert np.isnan([got.value, got.low, got.high]).all()
+    assert truth.any()
