@@ -146,7 +146,7 @@ def test_five_worlds_make_an_interval(n):
 def test_interval_holds_the_middle_95_percent_of_500_draws():
     """A share of worlds alike is binomial over its draws: within 2 of 60 worlds of its quantiles.
 
-    The 2.5 % quantile of 500 draws lies two worlds off with a probability below 1e-5.
+    The 2.5 % quantile of 500 draws lies three worlds off with a probability below 2e-5.
     """
     worlds, marked = np.arange(60), np.arange(60) < 24
     got = cluster_bootstrap.share(marked, np.ones(60, bool), worlds, rng=np.random.default_rng(0))

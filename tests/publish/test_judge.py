@@ -158,6 +158,35 @@ def test_prose_is_judged_world_by_world(results):
     assert row(results, "saddle").verdict == "reproduced"
 
 
+def test_keys_are_filled_with_numbers_in_their_shortest_form():
+    names = {"p": "0.0", "tau": "4.00", "end": "last", "odd": "1.2.3"}
+    assert claims.key("{preset}.{p}.{tau}.{end}.{odd}", "B", names) == "B.0.4.last.1.2.3"
+    assert claims.key("plain", "B", {}) == "plain"
+
+
+def test_needed_keys_are_those_of_all_claims_each_once():
+    needed = claims.needed("A")
+    assert len(set(needed)) == len(needed)
+    assert needed[0] == "bimodal.map_x"
+    for key in ("audit.A.p0.4.nees", "audit.A.p0.tau4.triggered", "audit.A.p0.1.tau3.96.recall"):
+        assert key in needed
+    assert not any("{" in key for key in needed)
+
+
+def test_compared_is_the_number_its_magnitude_or_a_ratio():
+    path = ("bimodal", "ns_best", "1")
+    plain = number_entry(printed="bimodal/ns_best/1")
+    assert plain.leaves() == {path: {}}
+    assert plain.compared(path, {}).value == -2.232
+    assert number_entry(magnitude=True).compared(path, {}).value == 2.232
+    ends = ("cost/{p}/exhaustive", "cost/{p}/refine")
+    path, names = ("cost", "0.0", "refine"), {"p": "0.0"}
+    ratio = number_entry(printed="cost/{p}/refine", ratio=ends).compared(path, names)
+    assert ratio.value == pytest.approx(336 / 44)
+    halved = number_entry(printed="cost/{p}/refine", ratio=ends, per=2.0).compared(path, names)
+    assert halved.value == pytest.approx(168 / 44)
+
+
 @pytest.mark.parametrize(
     ("rule", "given", "text", "verdict", "why"),
     [
