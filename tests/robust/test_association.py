@@ -334,6 +334,43 @@ def test_with_wrong_labels_em_stays_near_the_oracle_and_finds_p():
         assert found.p == pytest.approx(drawn_wrong, abs=0.05)
 
 
+@pytest.mark.parametrize("exclusive", [False, True])
+def test_em_ends_at_a_fixed_point_and_leaves_its_start_alone(exclusive):
+    """Weights, share and estimate follow from one another, at the range noise as it is."""
+    drawn = simulation.simulate(
+        scenario.Scenario(n_poses=10, n_landmarks=4), 0.2, rng=np.random.default_rng(112)
+    )
+    start = losses.estimate(drawn, C, "oracle", "grid")
+    kept = start[0].copy(), start[1].copy()
+    found = em.fit(drawn, C, start, exclusive, widest=2.0)
+    assert all(np.array_equal(ours, before) for ours, before in zip(start, kept, strict=True))
+    weights = association.responsibilities(
+        drawn, found.poses, found.landmarks, found.p, 1.0, exclusive
+    )
+    assert np.abs(weights - found.weights).max() < 0.01
+    assert found.p == association.share_wrong(found.weights, drawn.label_of)
+    factors = association.weighted_factors(found.sure, drawn, found.weights, 1.0)
+    again = em._optimise(factors, found.poses, found.landmarks)
+    assert np.abs(again[0] - found.poses).max() < 1e-4
+    assert found.sure.size() == 1 + 9 + 4
+    assert found.the_world is drawn
+    assert np.array_equal(found.responsibilities, found.weights[:, :-1])
+
+
+def test_em_keeps_to_the_sure_factors_it_is_given():
+    """A prior on x_0 elsewhere moves the whole estimate by as much."""
+    drawn = simulation.simulate(
+        scenario.Scenario(n_poses=8, n_landmarks=4), 0.0, rng=np.random.default_rng(101)
+    )
+    start = losses.estimate(drawn, C, "oracle", "grid")
+    shift = np.array([0.3, -0.2])
+    moved = replace(drawn, x0_mean=drawn.x0_mean + np.append(shift, 0.0))
+    sure = sure_factors(moved, C, start[1] + shift)
+    plain, other = (em.fit(drawn, C, start, False, sure=factors) for factors in (None, sure))
+    assert np.allclose(other.poses[:, :2] - plain.poses[:, :2], shift, atol=1e-3)
+    assert other.sure is sure
+
+
 def test_open_ranges_add_up_in_what_they_withhold():
     """The covariance of the score over two landmarks, range by range, at its poses and landmarks.
 
@@ -344,7 +381,8 @@ def test_open_ranges_add_up_in_what_they_withhold():
     drawn = scans([0, 1, 1], [0, 2, 0], [5.2, 4.5, 5.0], poses, landmarks)
     weights = np.array([[0.7, 0.0, 0.3, 0.0], [0.4, 0.0, 0.5, 0.1], [1.0, 0.0, 0.0, 0.0]])
     present = np.array([0, 2])
-    got = louis_covariance._missing_information(drawn, poses, landmarks, present, weights)
+    terms = louis_covariance._scores(drawn, poses, landmarks, weights)
+    got = (terms @ terms.T).toarray()
     expected = np.zeros((10, 10))
     for m in (0, 1):
         t, scores = drawn.pose_of[m], np.zeros((3, 10))  # the last: "none of these" has no score
