@@ -1,3 +1,4 @@
+import dynesty
 import gtsam
 import numpy as np
 import pytest
@@ -8,6 +9,16 @@ from sngr_utils.sampling import dynesty_nested, prior_transform
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.targets.likelihood import LocalLikelihood
 from sngr_utils.sngr import closure, refine
+
+
+def test_settings_are_the_papers():
+    """nlive 100, walks max(d, 9), dlogz 0.5, the prior as wide as Sigma_w, half the error()."""
+    settings = SamplerSettings()
+    assert settings.model_dump() == {
+        "n_live": 100, "min_walks": 9, "dlogz": 0.5, "prior_scale": 1.0, "likelihood_factor": 0.5,
+    }  # fmt: skip
+    assert [settings.walks(d) for d in (2, 9, 27)] == [9, 9, 27]
+    assert SamplerSettings(n_live=20, min_walks=1).walks(1) == 1  # the least of either
 
 
 def test_prior_transform_closed_form():
@@ -128,6 +139,31 @@ def test_same_generator_same_run_and_summary():
     assert np.array_equal(first.best, first.samples[np.argmax(first.results.logl)])
 
 
+def test_dynesty_is_given_the_settings(monkeypatch):
+    """Live points, steps and stopping rule arrive, and the last error of the evidence is kept."""
+    seen = {}
+
+    def watched(*arguments, **named):
+        sampler = dynesty.NestedSampler(*arguments, **named)
+        run = sampler.run_nested
+        monkeypatch.setattr(sampler, "run_nested", lambda **how: (seen.update(how), run(**how)))
+        seen.update(named)
+        return sampler
+
+    monkeypatch.setattr(dynesty_nested, "NestedSampler", watched)
+    settings = SamplerSettings(n_live=25, min_walks=4, dlogz=3.0)
+    found = dynesty_nested.run_nested(
+        lambda x: -0.5 * x @ x, prior_transform.prior_transform(np.eye(2), 4.0), 2, settings,
+        rng=np.random.default_rng(0),
+    )  # fmt: skip
+    assert (seen["nlive"], seen["dlogz"], seen["print_progress"]) == (25, 3.0, False)
+    assert seen["sample"].sampler_kwargs["walks"] == 4
+    errors, values = found.results.logzerr, found.results.logz
+    assert found.log_evidence_error == errors[-1] != errors[-2]
+    assert found.log_evidence == values[-1] != values[-2]
+    assert found.calls == found.results.ncall.sum()
+
+
 def test_canonical_walk_ignores_the_sign_and_rotation_of_the_axes():
     """The same ellipsoid, however described, gives the same proposals."""
     rng = np.random.default_rng(0)
@@ -150,7 +186,7 @@ def test_canonical_walk_ignores_the_sign_and_rotation_of_the_axes():
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("n_live", 10), ("n_live", 100.0), ("dlogz", 0.0), ("prior_scale", -1.0),
+    [("n_live", 19), ("n_live", 100.0), ("dlogz", 0.0), ("prior_scale", -1.0),
      ("likelihood_factor", 0.0), ("min_walks", 0)],
 )  # fmt: skip
 def test_bad_settings_name_the_parameter(name, value):

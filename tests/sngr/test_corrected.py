@@ -157,6 +157,8 @@ def test_the_gate_forgives_the_mean_loss_and_some_of_its_deviations(d, n, sigmas
 def test_the_gate_forgives_three_deviations_of_the_papers_tolerance():
     """And refuses the exact mode as seldom as its docstring says."""
     assert NoiseGate().model_dump() == {"gate_tolerance": 1e-3, "gate_sigmas": 3.0}
+    with pytest.raises(ValueError, match="gate_sigmas"):
+        NoiseGate(gate_sigmas=-1e-9)
     bare = NoiseGate(gate_tolerance=0.0)
     refused = [stats.chi2.sf(2 * 500 * bare.slack(d, 500), d) for d in (9, 27)]
     assert refused == pytest.approx([0.0098, 0.0059], abs=5e-5)

@@ -20,6 +20,12 @@ def window(t, pose, accepted=True):
     return refine.RefinedWindow(t, 0.0, accepted, [pose] * 3, run=None)
 
 
+def test_settings_are_the_papers():
+    """1e-3 nats; 500 samples of N(MAP, 0.5^2 I)."""
+    assert gate.Gate().gate_tolerance == 1e-3
+    assert noop_baseline.TriggerOnly().model_dump() == {"noop_samples": 500, "noop_sigma": 0.5}
+
+
 def test_gate():
     """Equation "gate": down to the tolerance, inclusive."""
     assert gate.passes_gate(0.0, 1e-3)
@@ -127,9 +133,13 @@ def test_noop_weights_of_the_proposal_itself_are_zero():
     assert np.allclose(weights, 0)
 
 
-def test_bad_gate_names_the_parameter():
+def test_bad_settings_name_the_parameter():
     with pytest.raises(ValueError, match="gate_tolerance"):
-        gate.Gate(gate_tolerance=-1.0)
+        gate.Gate(gate_tolerance=-1e-9)
+    with pytest.raises(ValueError, match="noop_samples"):
+        noop_baseline.TriggerOnly(noop_samples=1)
+    assert gate.Gate(gate_tolerance=0.0).gate_tolerance == 0
+    assert noop_baseline.TriggerOnly(noop_samples=2).noop_samples == 2
 
 
 def test_algorithm_1_step_by_step(noisy):

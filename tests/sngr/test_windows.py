@@ -7,6 +7,13 @@ from helpers import dense_covariance
 from sngr_utils.sngr import closure, failure, trigger, windows
 
 
+def test_windows_are_the_papers():
+    """Three poses, failed above 0.5 m; 28 of 30 poses begin one, and t >= 2 may trigger."""
+    assert (windows.WIDTH, failure.FAILURE_ERROR, trigger.FIRST_ELIGIBLE) == (3, 0.5, 2)
+    assert windows.n_windows(30) == 28
+    assert trigger.triggers(np.full(28, np.inf), 3.96).sum() == 26
+
+
 def test_score_closed_form():
     """Equation "score": log10 of the ratio of extreme eigenvalues, whatever the basis."""
     rotation, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(9, 9)))

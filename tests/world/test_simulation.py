@@ -12,6 +12,15 @@ def make(p=0.0, seed=0, **changes):
     return simulation.simulate(Scenario(**changes), p, rng=np.random.default_rng(seed))
 
 
+def test_scenario_is_the_papers():
+    """A circle of 5 m in 30 poses, 6 landmarks in [-4, 4]^2 m; 0.05 m, 0.01 rad, 0.1 m."""
+    assert Scenario().model_dump() == {
+        "n_poses": 30, "radius": 5.0, "n_landmarks": 6, "landmark_half_width": 4.0,
+        "odometry_sigma_xy": 0.05, "odometry_sigma_theta": 0.01, "range_sigma": 0.1,
+    }  # fmt: skip
+    assert Scenario(n_poses=3, n_landmarks=2).n_landmarks == 2  # the least of either
+
+
 def test_circle_is_a_circle_with_tangent_heading():
     poses = simulation.circle_poses(30, 5.0)
     assert np.allclose(np.hypot(*poses[:, :2].T), 5)
