@@ -23,7 +23,7 @@ def conformal_threshold(clean: np.ndarray, alpha: float) -> float:
     """
     clean = _checked(clean, alpha)
     rank = int(np.ceil((len(clean) + 1) * (1 - alpha) - 1e-9))  # a rounding error is no rank
-    return float(np.sort(clean)[rank - 1]) if rank <= len(clean) else float("inf")
+    return float(np.sort(clean)[rank - 1]) if rank <= len(clean) else np.inf
 
 
 def surprise(scores: np.ndarray, clean: np.ndarray) -> np.ndarray:

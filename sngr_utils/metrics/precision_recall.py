@@ -1,5 +1,6 @@
 """A detector against the truth: precision, recall, ROC and its area."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,12 +31,12 @@ class Detection:
     @property
     def precision(self) -> float:
         """Share of the fired windows that failed; NaN if none fired."""
-        return self.true_positives / self.triggered if self.triggered else float("nan")
+        return self.true_positives / self.triggered if self.triggered else math.nan
 
     @property
     def recall(self) -> float:
         """Share of the failed windows that fired; NaN if none failed."""
-        return self.true_positives / self.failed if self.failed else float("nan")
+        return self.true_positives / self.failed if self.failed else math.nan
 
     @property
     def matthews(self) -> float:
@@ -49,12 +50,12 @@ class Detection:
         above, below = matthews_parts(
             self.true_positives, self.false_positives, self.false_negatives, self.true_negatives
         )
-        return float(above / below) if below else float("nan")
+        return float(above / below) if below else math.nan
 
     @property
     def base_rate(self) -> float:
         """Share of all cases that are true: the precision of firing at random among them."""
-        return self.failed / self.total if self.total else float("nan")
+        return self.failed / self.total if self.total else math.nan
 
 
 def matthews_parts(tp, fp, fn, tn) -> tuple[np.ndarray, np.ndarray]:
@@ -80,7 +81,7 @@ def roc_auc(scores: np.ndarray, truth: np.ndarray) -> float:
     scores : (N,) higher means more likely true
     truth : (N,) bool
     """
-    return float(sklearn_metrics.roc_auc_score(truth, scores)) if _mixed(truth) else float("nan")
+    return float(sklearn_metrics.roc_auc_score(truth, scores)) if _mixed(truth) else math.nan
 
 
 def average_precision(scores: np.ndarray, truth: np.ndarray) -> float:
@@ -89,7 +90,7 @@ def average_precision(scores: np.ndarray, truth: np.ndarray) -> float:
     Scores that know nothing have the base rate: to be read beside it. Arguments as `roc_auc`.
     """
     if not _mixed(truth):
-        return float("nan")
+        return math.nan
     return float(sklearn_metrics.average_precision_score(truth, scores))
 
 

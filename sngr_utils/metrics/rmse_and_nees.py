@@ -1,5 +1,7 @@
 """Errors of an estimate: RMSE, and NEES, which holds them against its covariance."""
 
+import math
+
 import numpy as np
 
 
@@ -11,7 +13,7 @@ def rmse(estimate: np.ndarray, truth: np.ndarray) -> float:
     """
     squared = np.sum((np.asarray(estimate) - np.asarray(truth)) ** 2, axis=1)
     squared = squared[np.isfinite(squared)]
-    return float(np.sqrt(squared.mean())) if len(squared) else float("nan")
+    return float(np.sqrt(squared.mean())) if len(squared) else math.nan
 
 
 def nees(errors: np.ndarray, covariances: np.ndarray) -> float:

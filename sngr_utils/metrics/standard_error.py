@@ -8,7 +8,7 @@ import numpy as np
 
 def standard_deviation(values: Sequence[float]) -> float:
     """Sample standard deviation; NaN for a single value."""
-    return float(np.std(values, ddof=1)) if len(values) > 1 else float("nan")
+    return float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
 
 
 def standard_error(values: Sequence[float]) -> float:

@@ -1,5 +1,6 @@
 """Means over worlds with their errors, and paired differences."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -79,5 +80,5 @@ def paired_difference(runs: pd.DataFrame, value: str, a: str, b: str) -> pd.Data
 
 def _signed_rank(differences: np.ndarray) -> float:
     if len(differences) < 2:
-        return float("nan")
+        return math.nan
     return float(stats.wilcoxon(differences).pvalue) if differences.any() else 1.0
