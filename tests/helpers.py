@@ -16,6 +16,7 @@ from sngr_utils.world import simulation, variations
 from sngr_utils.world.scenario import Scenario
 
 SIGMAS = conventions.PRESETS["C"].x0_sigmas
+SIGMA = 0.1  # m, of a range
 WEAK = Scenario(n_poses=3, odometry_sigma_xy=0.5, odometry_sigma_theta=0.1)
 
 
@@ -51,6 +52,19 @@ def window(n_ranges=1, seed=100, range_sigma=0.1, **changes):
         simulation.simulate(scenario, 0.4, rng=rng), [0.5, 0.5, 0.1], rng=rng
     )
     return replace(ambiguous_window.window_of(the_world, [0.5, 0.5, 0.1], 0.4, n_ranges), **changes)
+
+
+def scans(label_of, pose_of=None, n_landmarks=3, ranges=None):
+    """A world of which the ranges, their poses and their labels count."""
+    labels = np.array(label_of)
+    poses = np.zeros(len(labels), dtype=int) if pose_of is None else np.array(pose_of)
+    measured = np.full(len(labels), 5.0) if ranges is None else np.array(ranges)
+    n_poses = poses.max() + 1
+    return simulation.World(
+        np.full((n_poses, 3), np.nan), np.full((n_landmarks, 2), np.nan),
+        np.zeros((n_poses - 1, 3)), poses, labels, np.full(len(labels), -1), measured,
+        Scenario(range_sigma=SIGMA), np.zeros(3),
+    )  # fmt: skip
 
 
 def dense_covariance(solution):

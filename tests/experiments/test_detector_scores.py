@@ -83,7 +83,7 @@ def test_summaries_agree_with_the_plain_measures(rows):
 
 
 GIVEN = pd.DataFrame({
-    "scenario": "paper", "case": np.repeat(["clean", "noisy"], 24),
+    "scenario": "paper", "case": np.repeat(["p = 0.2", "burst"], 24),
     "seed": np.tile(np.repeat(np.arange(6), 4), 2),
     "failed": np.tile([True, False, False, True, False, False], 8),
     "score": np.random.default_rng(0).normal(size=48), "other": np.arange(48.0),
@@ -101,7 +101,7 @@ def test_ranking_has_a_row_for_each_group_and_score_with_intervals_over_worlds()
         GIVEN, ["score", "other"], "failed", rng=np.random.default_rng(3)
     )
     assert list(zip(ranked["case"], ranked["detector"], strict=True)) == [
-        ("clean", "score"), ("clean", "other"), ("noisy", "score"), ("noisy", "other"),
+        ("p = 0.2", "score"), ("p = 0.2", "other"), ("burst", "score"), ("burst", "other"),
     ]  # fmt: skip
     rng = np.random.default_rng(3)
     for i, (case, name) in enumerate(zip(ranked["case"], ranked["detector"], strict=True)):
@@ -138,7 +138,7 @@ def test_decisions_have_every_rate_with_its_interval():
             "recall": (fired, true), "false_alarms": (fired, ~true),
         }  # fmt: skip
         expected = {
-            "scenario": "paper", "case": ("clean", "noisy")[i // 2],
+            "scenario": "paper", "case": ("p = 0.2", "burst")[i // 2],
             "detector": ("score", "other")[i % 2], "truth": "failed",
         }  # fmt: skip
         for name, (marked, among) in shares.items():

@@ -35,6 +35,20 @@ RANKING = {
 }
 
 
+def test_worlds_of_one_class_may_be_the_last(windows):
+    """Worlds 6 and 7 are all failed and all sound here; the numbers of worlds are names."""
+    scores, truth, worlds = windows
+    counts = np.array([2, 0, 1, 1, 3, 0, 0, 1])
+    for name in RANKING:
+        of = getattr(cluster_bootstrap, name)
+        plain = of(scores, truth, worlds, rng=Repeats(counts))
+        turned = of(scores, truth, 7 - worlds, rng=Repeats(counts[::-1]))
+        assert (turned.value, turned.low) == pytest.approx((plain.value, plain.low))
+    plain = cluster_bootstrap.share(truth, ~truth | truth, worlds, rng=Repeats(counts))
+    turned = cluster_bootstrap.share(truth, ~truth | truth, 7 - worlds, rng=Repeats(counts[::-1]))
+    assert (turned.value, turned.low) == pytest.approx((plain.value, plain.low))
+
+
 @pytest.mark.parametrize("name", RANKING)
 def test_ranking_with_and_without_repeated_worlds(windows, name):
     scores, truth, worlds = windows

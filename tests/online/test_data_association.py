@@ -4,26 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers import SIGMA, scans
 from scipy import stats
 
 from sngr_utils.online import data_association
 from sngr_utils.online.data_association import DROPPED, Innovations
-from sngr_utils.world import scenario, simulation
-
-SIGMA = 0.1
-
-
-def scans(label_of, pose_of=None, n_landmarks=3, ranges=None):
-    """A world of which the ranges, their poses and their labels count."""
-    labels = np.array(label_of)
-    poses = np.zeros(len(labels), dtype=int) if pose_of is None else np.array(pose_of)
-    measured = np.full(len(labels), 5.0) if ranges is None else np.array(ranges)
-    n_poses = poses.max() + 1
-    return simulation.World(
-        np.full((n_poses, 3), np.nan), np.full((n_landmarks, 2), np.nan),
-        np.zeros((n_poses - 1, 3)), poses, labels, np.full(len(labels), -1), measured,
-        scenario.Scenario(range_sigma=SIGMA), np.zeros(3),
-    )  # fmt: skip
+from sngr_utils.robust import association
 
 
 def innovations(squared, variance=0.01):
@@ -46,24 +32,23 @@ def test_nowhere_is_the_last_column():
     assert credit.weights.tolist() == [[0, 0, 0, 1]] * 2
 
 
-def test_exact_innovations():
+def test_residuals_about_an_estimate_taken_for_certain():
     data = scans([0, 1], pose_of=[0, 1], n_landmarks=2, ranges=[5.5, 3.0])
     poses = np.array([[1.0, 1.0, 0.4], [1.0, -3.0, 2.0]])
     landmarks = np.array([[4.0, 5.0], [np.nan, np.nan]])
-    found = data_association.exact(data, poses, landmarks)
-    assert found.residuals[:, 0] == pytest.approx([0.5, 3.0 - np.hypot(3, 8)])
-    assert found.variances[:, 0] == pytest.approx([0.01, 0.01])
+    residuals = association.residuals(data, poses, landmarks)
+    assert residuals[:, 0] == pytest.approx([0.5, 3.0 - np.hypot(3, 8)])
+    found = Innovations(residuals, np.full((2, 2), 0.01))
     assert found.squared[0, 0] == pytest.approx(25)
-    assert np.isnan(found.residuals[:, 1]).all()
-    assert np.isnan(found.variances[:, 1]).all()
+    assert np.isnan(found.squared[:, 1]).all()
 
 
 @pytest.fixture
 def joint():
-    """Two poses, two landmarks, and a joint covariance of [x0, x1, l0, l1], small ones."""
+    """Two poses, three landmarks, and a joint covariance of [x0, x1, l0, l1, l2], small ones."""
     poses = np.array([[0.5, -1.0, 0.7], [2.0, 0.3, -2.1]])
-    landmarks = np.array([[4.0, 1.0], [-1.0, 3.0]])
-    root = 0.02 * np.random.default_rng(0).normal(size=(10, 10))
+    landmarks = np.array([[4.0, 1.0], [-1.0, 3.0], [0.0, -5.0]])
+    root = 0.02 * np.random.default_rng(0).normal(size=(12, 12))
     return poses, landmarks, root @ root.T
 
 
@@ -86,21 +71,21 @@ def distance(poses, landmarks, t, k, xi):
 def test_variance_of_a_range_not_in_the_graph_is_that_of_the_distance_and_the_noise(joint):
     """First order: the gradient of the distance by differences, and the joint covariance."""
     poses, landmarks, covariance = joint
-    data = scans([0, 1, 0], pose_of=[0, 0, 1], n_landmarks=2, ranges=[4.0, 4.5, 2.0])
+    data = scans([0, 1, 0], pose_of=[0, 0, 1], ranges=[4.0, 4.5, 2.0])
     found = data_association.innovations(
         data, poses, landmarks, np.full(3, DROPPED), blocks(covariance)
     )
-    for m, k in np.ndindex(3, 2):
+    for m, k in np.ndindex(3, 3):
         t = data.pose_of[m]
         ends = np.array([
-            [distance(poses, landmarks, t, k, s * 1e-6 * axis) for axis in np.eye(10)]
+            [distance(poses, landmarks, t, k, s * 1e-6 * axis) for axis in np.eye(12)]
             for s in (1, -1)
         ])
         gradient = (ends[0] - ends[1]) / 2e-6
         spread = gradient @ covariance @ gradient
         assert spread > 1e-4
         assert found.variances[m, k] == pytest.approx(spread + SIGMA**2, rel=1e-6)
-        expected = data.ranges[m] - distance(poses, landmarks, t, k, np.zeros(10))
+        expected = data.ranges[m] - distance(poses, landmarks, t, k, np.zeros(12))
         assert found.residuals[m, k] == pytest.approx(expected)
 
 
@@ -108,7 +93,7 @@ def test_a_range_in_the_graph_is_predicted_without_itself(joint):
     """One number with variance s before and z measured: the Kalman gain is s / (s + noise), so the
     innovation has variance s + noise, and is larger than the residual by (s + noise) / noise."""
     poses, landmarks, covariance = joint
-    data = scans([0, 1], n_landmarks=2, ranges=[4.0, 4.5])
+    data = scans([0, 1], ranges=[4.0, 4.5])
     outside, inside = (
         data_association.innovations(data, poses, landmarks, np.array(used), blocks(covariance))
         for used in ([DROPPED, DROPPED], [0, DROPPED])
@@ -127,7 +112,7 @@ def test_a_range_in_the_graph_is_predicted_without_itself(joint):
 def test_a_range_that_alone_holds_its_place_says_nothing_of_it(joint):
     """As much variance as the noise, or more by rounding: a vague prediction, no negative one."""
     poses, landmarks, covariance = joint
-    data = scans([0], n_landmarks=2, ranges=[4.0])
+    data = scans([0], ranges=[4.0])
     found = data_association.innovations(
         data, poses, landmarks, np.array([0]), blocks(1e3 * covariance)
     )
@@ -213,6 +198,7 @@ def test_what_happens_once_in_a_million_is_impossible(squared, credited):
 def test_without_swaps_a_range_keeps_its_label_or_is_dropped():
     data = scans([0, 1], pose_of=[0, 1])
     found = innovations([[90, 0, 90], [90, 8, 90]])
+    assert decide(data, found).used.dtype.kind == "i"
     assert decide(data, found).used.tolist() == [1, 1]
     assert decide(data, found, swap=False).used.tolist() == [DROPPED, 1]
 
@@ -248,14 +234,15 @@ def test_what_no_known_landmark_explains_came_from_one_that_is_not_in_the_map():
     assert credit.used.tolist() == [0, DROPPED]
 
 
-def test_log_weights_are_prior_times_density():
+def test_the_joint_density_is_prior_times_likelihood():
     data = scans([0, 1], ranges=[5.0, 7.0])
     found = innovations([[1.0, 4.0, np.nan], [9.0, 0.0, np.nan]], variance=0.04)
-    logs = data_association.log_weights(data, found, 0.3)
+    logs = association.log_joint(data, found.residuals, found.variances, 0.3)
     density = stats.norm.pdf(np.sqrt(found.squared[:, :2] * 0.04), 0, 0.2)
     prior = np.array([[0.7, 0.15], [0.15, 0.7]])
     assert np.exp(logs[:, :2]) == pytest.approx(prior * density)
     assert np.isneginf(logs[:, 2]).all()
     assert np.exp(logs[:, 3]) == pytest.approx(0.15 / 7)
-    everywhere = data_association.log_weights(data, innovations(np.ones((2, 3))), 0.3)
+    known = innovations(np.ones((2, 3)))
+    everywhere = association.log_joint(data, known.residuals, known.variances, 0.3)
     assert np.isneginf(everywhere[:, 3]).all()

@@ -5,17 +5,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from test_crediting import SIGMA, scans
+from helpers import SIGMA, scans
 
 from sngr_utils.online import landmarks as landmarks_module
 from sngr_utils.online import localisation
 from sngr_utils.online.data_association import DROPPED, Credit
 from sngr_utils.online.landmarks import _locate, drop_landmarks, start_landmarks, witnesses
 from sngr_utils.sampling.targets import place
+from sngr_utils.slam import landmark_starts
 
 
 class Believed(SimpleNamespace):
-    """What `landmark_start` reads of a belief and asks of it."""
+    """What `landmarks` reads of a belief and asks of it."""
 
     def covariance(self):
         return SimpleNamespace(poses=self.covariances)
@@ -134,8 +135,15 @@ def test_without_delay_three_poses_do(waiting):
     k, position, _ = waiting.inserted
     assert k == 0
     mode = waiting.fitted[2]
-    assert mode.covariance.tolist() == [[1, 0], [0, 1]]
+    assert mode.covariance.tolist() == [[1, 0], [0, 1]]  # vague, and all there is
+    assert mode.mass == 1
     assert position == pytest.approx(spot, abs=1e-6)
+
+
+def test_least_squares_that_end_nowhere_start_nothing(waiting, monkeypatch):
+    monkeypatch.setattr(landmark_starts, "start_landmark", lambda *_: np.array([np.inf, 0.0]))
+    start_landmarks(waiting, False, False, rng=np.random.default_rng(0))
+    assert not hasattr(waiting, "inserted")
 
 
 def arc(n, angle, spot, noise=0.0):
@@ -149,16 +157,18 @@ def arc(n, angle, spot, noise=0.0):
 
 
 def test_a_mirror_image_makes_it_wait_without_a_question(waiting):
+    waiting.counts["mirror waits"] = 7
     found = _locate(waiting, arc(5, 0.1, [1.0, 2.0]), True, np.random.default_rng(0))
     assert found is None
-    assert waiting.counts == {"mirror waits": 1}
+    assert waiting.counts == {"mirror waits": 8}
 
 
 def test_one_place_is_found_by_many_starts(waiting):
+    waiting.counts["landmark questions"] = 3
     found = _locate(waiting, arc(12, 3.0, [1.0, 2.0]), True, np.random.default_rng(0))
     assert found.mean == pytest.approx([1.0, 2.0], abs=0.05)
     assert found.mass > 0.99
-    assert waiting.counts == {"landmark questions": 1}
+    assert waiting.counts == {"landmark questions": 4}
 
 
 @pytest.mark.parametrize(("mass", "kept"), [(0.89, False), (0.91, True)])

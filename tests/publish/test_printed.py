@@ -34,6 +34,14 @@ def test_the_same_numbers_as_floats():
         assert at == number.value
 
 
+def test_leaves_are_read_anew_as_they_are_kept():
+    again = printed.leaves.__wrapped__()
+    assert again == printed.leaves()
+    assert list(again)[:3] == [("bimodal", "map", "0"), ("bimodal", "map", "1"),
+                               ("bimodal", "ns_best", "0")]  # fmt: skip
+    assert again["baseline", "0.0", "precision"].value is None
+
+
 def _key(at, name):
     return next(key for key in at if str(key) == name or _same_number(key, name))
 

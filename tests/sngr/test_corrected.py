@@ -408,6 +408,25 @@ def test_a_refined_world_is_judged_before_and_after_with_the_settled_covariances
     assert found.nees == rmse_and_nees.nees(after - truth, covariances) != found.solution_nees
 
 
+@pytest.mark.parametrize("settles", [True, False])
+def test_without_windows_the_estimate_stays_as_the_sampling_has_it(noisy, settles):
+    """Settled for the corrected algorithm, iSAM2's own for the paper's."""
+    sampling = (
+        corrected.Corrected("marginal")
+        if settles
+        else refine.Paper(settings.SamplerSettings(), "nested")
+    )
+    none = partial(trigger.triggers, tau=np.inf)
+    found = refined_world.refine_world(
+        noisy, conventions.PRESETS["B"], none, sampling, NoiseGate(), rng=np.random.default_rng(0)
+    )
+    base = levenberg_marquardt.converge(noisy.solution) if settles else noisy.solution
+    assert found.windows == []
+    assert np.array_equal(found.solution.poses, base.poses)
+    expected = rmse_and_nees.rmse(base.poses[:, :2], noisy.world.poses[:, :2])
+    assert found.pose_rmse == found.solution_rmse == pytest.approx(expected)
+
+
 def test_widths_follow_the_gaussian_prediction(quiet):
     """A run of nine coordinates at an ESS of some 500: 10 % is at least three errors."""
     base, _ = quiet
