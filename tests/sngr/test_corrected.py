@@ -154,8 +154,9 @@ def test_the_gate_forgives_the_mean_loss_and_some_of_its_deviations(d, n, sigmas
     assert gate.slack(d, n) == pytest.approx(0.01 + law.mean() + sigmas * law.std())
 
 
-def test_the_gate_forgives_three_deviations_of_the_papers_tolerance():
-    """And refuses the exact mode as seldom as its docstring says."""
+def test_defaults_and_how_seldom_the_exact_mode_is_refused():
+    """Of a Gaussian posterior, by noise alone: once in a hundred windows, or less."""
+    assert (corrected.PROPOSAL_SCALE, corrected.LAPLACE_DRAWS) == (4.0, 2000)
     assert NoiseGate().model_dump() == {"gate_tolerance": 1e-3, "gate_sigmas": 3.0}
     with pytest.raises(ValueError, match="gate_sigmas"):
         NoiseGate(gate_sigmas=-1e-9)
