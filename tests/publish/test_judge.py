@@ -72,6 +72,10 @@ def test_every_printed_number_is_judged_exactly_once():
     assert len(judged) > 130
 
 
+def test_claims_are_read_anew_as_they_are_kept():
+    assert claims.read.__wrapped__() == claims.read()
+
+
 def test_entries_are_sound():
     entries = [*claims.read().numbers, *claims.read().prose]
     names = [entry.id for entry in entries]
@@ -305,6 +309,15 @@ def test_a_ratio_is_shown_beside_what_is_printed():
     assert first.values[0] == pytest.approx(336 / 88)
     assert (second.printed, second.values[0]) == ("0", None)
     assert first.ours == "3.8 ± 0.0"
+    whole = number_entry(printed="cost/{p}/exhaustive", ours="x.0", per=1.0,
+                         ratio=("cost/{p}/exhaustive", "cost/{p}/isam2"))  # fmt: skip
+    assert next(judge._numbers(whole, results, "C", [])).printed == "336 (1.68e+04)"
+
+
+def test_rows_are_named_after_all_that_tells_them_apart():
+    entry = number_entry(printed="{table}/{p}/nees", ours="x")
+    rows = judge._numbers(entry, {"x": sample(np.zeros(N))}, "C", [])
+    assert {"made.tablebaseline.p0.4", "made.tablesngr.p0.0"} < {row.id for row in rows}
 
 
 def test_a_printed_spread_is_compared_with_a_spread():
@@ -402,6 +415,7 @@ def test_a_claim_about_one_value_shows_it():
     found = judged(entry, {"x": value(-0.009876)})
     assert (found.ours, found.n, found.verdict) == ("−0.00988", "1", "reproduced")
     assert judged(entry, {"x": value(0.02)}).verdict == "not reproduced"
+    assert judged(entry, {"x": value(12345.6)}).ours == "1.23e+04"
     assert judged(entry, {"x": value(None)}).verdict == "not reproduced"
 
 
@@ -423,6 +437,22 @@ def test_the_reading_is_that_of_the_yaml_and_the_others_differ(results):
     assert ours["nees.p0.1"].verdict != "reproduced"
     for claim in ("nees.p0.1", "rmse-std.p0.2", "precision-one", "saddle"):
         assert ours[claim] == row(results, claim)
+
+
+def test_missing_results_are_counted_and_the_first_ones_named(results):
+    keys = claims.needed("C")[4:14]
+    rest = {key: entry for key, entry in results.items() if key not in keys}
+    with pytest.raises(notebooks.ProjectError) as raised:
+        judge.evaluate(rest)
+    assert str(raised.value) == (
+        f"paper/claims.yaml needs {keys[0]!r}, which no notebook hands on; nor are 9 more: "
+        f"{', '.join(keys[1:8])} ..."
+    )
+    for missing, more in ((1, ""), (2, f"; nor are 1 more: {keys[1]} ...")):
+        rest |= {key: results[key] for key in keys[missing:]}
+        with pytest.raises(notebooks.ProjectError) as raised:
+            judge.evaluate({key: rest[key] for key in rest if key not in keys[:missing]})
+        assert str(raised.value).endswith(f"which no notebook hands on{more}")
 
 
 def test_missing_results_are_named(results):
