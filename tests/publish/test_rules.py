@@ -111,11 +111,12 @@ def test_trend_of_worlds_defined_at_both_ends():
 
 @pytest.mark.parametrize(
     ("ours", "verdict"),
-    [(600, "reproduced"), (250, "reproduced"), (1590, "reproduced"), (100, "trend reproduced"),
-     (20, "not reproduced"), (9000, "not reproduced")],
+    [(600, "reproduced"), (240, "reproduced"), (1602, "reproduced"), (239, "trend reproduced"),
+     (1603, "trend reproduced"), (48, "trend reproduced"), (8011, "trend reproduced"),
+     (47, "not reproduced"), (8013, "not reproduced")],
 )  # fmt: skip
 def test_hardware(ours, verdict):
-    """600 as printed; 480 to 800 before rounding."""
+    """600 as printed; 479.3 to 801.2 before rounding, twice and ten times as wide."""
     assert rules.hardware(ours, ratio(number("336"), number("0.02"), 28)) == verdict
 
 
