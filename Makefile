@@ -9,6 +9,9 @@ SHELL := bash
 
 PYTHON ?=
 JOBS ?= 2
+# Of `make mutants`: how many, and the seed of their choice.
+MUTANTS ?= 300
+SEED ?= 1
 # The last ones first: they take longest, and the short ones fill what is left of two cores.
 NOTEBOOKS := $(notdir $(basename $(shell ls -r notebooks/*.ipynb)))
 PY := .venv/bin/python
@@ -40,6 +43,7 @@ help:
 	@echo 'make paper      everything, from nothing to paper/sngr.pdf (installs TeX if it may)'
 	@echo 'make test       tests, and the committed notebooks re-run and compared'
 	@echo 'make coverage   the unit tests, with the lines of the library they miss (90 % at least)'
+	@echo 'make mutants    break the library at random in MUTANTS places: do its tests notice?'
 	@echo 'make results    the notebooks only: figures/ and build/results/ (needs no TeX)'
 	@echo 'make quick      the notebooks with the small params/quick, into build/quick'
 	@echo 'make run/NAME   one notebook, e.g. make run/01_bimodal'
@@ -120,6 +124,11 @@ coverage: check
 	@$(COMPILE)
 	@$(PY) -m pytest tests --cov=sngr_utils --cov-report=term-missing:skip-covered \
 	  --cov-fail-under=90
+
+# On copies in build/mutants; SEED=2 draws other ones. Fails below 90 %.
+.PHONY: mutants
+mutants: setup
+	@$(PY) scripts/mutants.py --sample $(MUTANTS) --seed $(SEED)
 
 lint: setup
 	@$(PY) -m ruff check . && $(PY) -m ruff format --check .
