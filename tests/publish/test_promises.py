@@ -188,6 +188,19 @@ def test_an_altered_claim_is_noticed(reference, tmp_path, monkeypatch, file, old
     assert [name[: len(claim)] for name in changed] == ([claim] if claim else [])
 
 
+def test_every_printed_number_stands_beside_ours_in_the_paper(judged):
+    rows = judged[claims.read().reading]
+    table = verdict_tables.chunks(rows)
+    for row in rows:
+        cells = [cell.translate(report.LATEX_CELL) for cell in (row.id, row.printed, row.ours)]
+        assert " & ".join(cells) in table, row.id
+    numbers = printed_values.leaves()
+    judged_numbers = [numbers[path] for entry in claims.read().numbers for path in entry.leaves()]
+    original = [report.text(number.value, f".{number.decimals}f") for number in judged_numbers]
+    shown = [row.printed.split(" (")[0] for row in rows if row.kind == "number"]
+    assert shown == original
+
+
 # --- what the paper and the README ask for -------------------------------------------------------
 
 
