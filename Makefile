@@ -44,6 +44,7 @@ help:
 	@echo 'make test       tests, and the committed notebooks re-run and compared'
 	@echo 'make coverage   the unit tests, with the lines of the library they miss (90 % at least)'
 	@echo 'make mutants    break the library at random in MUTANTS places: do its tests notice?'
+	@echo 'make study/NAME  a long study, into paper/studies; takes up what an earlier run left'
 	@echo 'make results    the notebooks only: figures/ and build/results/ (needs no TeX)'
 	@echo 'make quick      the notebooks with the small params/quick, into build/quick'
 	@echo 'make run/NAME   one notebook, e.g. make run/01_bimodal'
@@ -124,6 +125,10 @@ coverage: check
 	@$(COMPILE)
 	@$(PY) -m pytest tests --cov=sngr_utils --cov-report=term-missing:skip-covered \
 	  --cov-fail-under=90
+
+# A study that stands outside `make paper`: make study/NAME, as often as it is interrupted.
+study/%: setup
+	@$(RUN) study $*
 
 # On copies in build/mutants; SEED=2 draws other ones. Fails below 90 %.
 .PHONY: mutants

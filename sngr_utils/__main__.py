@@ -80,6 +80,31 @@ def _bench(args) -> int:
     return 0
 
 
+def _study(args) -> int:
+    from contextlib import nullcontext
+
+    import joblib
+
+    from sngr_utils.experiments import studies
+
+    try:
+        studies.named(args.name)
+    except ValueError as error:
+        raise ProjectError(error) from error
+    if args.status:
+        print("{} of {} cells are kept".format(*studies.status(args.name)))
+        return 0
+    where = nullcontext()
+    if args.scheduler:
+        from distributed import Client
+
+        where = Client(args.scheduler)
+    backend = "dask" if args.scheduler else "loky"
+    with where, joblib.parallel_config(backend=backend):
+        print(f"written: {studies.run(args.name, args.jobs)}")
+    return 0
+
+
 COMMANDS = {
     "check": (_check, "check all parameter files and the claims"),
     "stale": (_stale, "print the make targets that are out of date"),
@@ -92,6 +117,7 @@ COMMANDS = {
     "quick": (_each, "run notebooks with params/quick, into build/quick"),
     "aside": (_each, "run notebooks with their YAML, into build/verify"),
     "refresh": (_each, "store fresh outputs in committed notebooks"),
+    "study": (_study, "make a study that stands outside make paper; takes up what is kept"),
 }
 
 
@@ -103,6 +129,11 @@ def main(arguments: list[str] | None = None) -> int:
         command = commands.add_parser(name, help=meaning)
         if work is _each:
             command.add_argument("names", nargs="+")
+        if work is _study:
+            command.add_argument("name")
+            command.add_argument("--jobs", type=int, help="workers (default: all cores, or dask's)")
+            command.add_argument("--scheduler", help="address of a dask scheduler")
+            command.add_argument("--status", action="store_true", help="only say how far it is")
     args = parser.parse_args(arguments)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _interrupt)

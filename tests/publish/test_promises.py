@@ -24,7 +24,7 @@ from PIL import Image
 
 from sngr_utils import paths
 from sngr_utils.experiments import isam2_over_worlds
-from sngr_utils.publish import claims, files, judge, notebooks, verdict_tables
+from sngr_utils.publish import cells, claims, files, judge, latex, notebooks, verdict_tables
 from sngr_utils.publish.printed import leaves
 from sngr_utils.publish.results import results_in
 from sngr_utils.slam.conventions import PRESETS
@@ -192,11 +192,11 @@ def test_every_printed_number_stands_beside_ours_in_the_paper(judged):
     rows = judged[claims.read().reading]
     table = verdict_tables.chunks(rows)
     for row in rows:
-        cells = [cell.translate(report.LATEX_CELL) for cell in (row.id, row.printed, row.ours)]
-        assert " & ".join(cells) in table, row.id
-    numbers = printed_values.leaves()
+        shown = [cell.translate(latex.LATEX_CELL) for cell in (row.id, row.printed, row.ours)]
+        assert " & ".join(shown) in table, row.id
+    numbers = leaves()
     judged_numbers = [numbers[path] for entry in claims.read().numbers for path in entry.leaves()]
-    original = [report.text(number.value, f".{number.decimals}f") for number in judged_numbers]
+    original = [cells.text(number.value, f".{number.decimals}f") for number in judged_numbers]
     shown = [row.printed.split(" (")[0] for row in rows if row.kind == "number"]
     assert shown == original
 
