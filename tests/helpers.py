@@ -37,7 +37,7 @@ def anchors(distance=4.0, measured=3.0, sigma=0.2):
 def quick_config(name):
     """The parameters with which a notebook is tried out."""
     values = parameters.read_params(name, paths.PARAMS / "quick")
-    return parameters.driver_of(name).Config(**values)
+    return parameters.config_of(name)(**values)
 
 
 def a_world(seed=100):

@@ -6,7 +6,7 @@ import pytest
 
 from sngr_utils import bimodal, paths
 from sngr_utils.metrics import standard_error
-from sngr_utils.publish import contradictions, dependencies, parameters, report
+from sngr_utils.publish import contradictions, dependencies, notebooks, report
 from sngr_utils.sampling.targets import two_anchors
 from sngr_utils.show import bimodal as show
 from sngr_utils.world.two_anchors import TwoAnchors
@@ -139,8 +139,7 @@ def test_the_modes_are_those_the_printed_numbers_are_held_against():
 
 def test_the_notebook_depends_on_nothing_it_does_not_show():
     """No room of the library but those of the lesson: a plot of another study leaves it fresh."""
-    cells = [cell.source for cell in parameters.read_notebook("01_bimodal").cells
-             if cell.cell_type == "code"]  # fmt: skip
+    cells = notebooks.sources("01_bimodal", code_only=True)  # fmt: skip
     files = dependencies.imported_files("01_bimodal", cells)
     rooms = {path.relative_to(paths.PACKAGE).parts[0] for path in files}
     assert not rooms & {"sngr", "detection", "online", "robust", "experiments"}
