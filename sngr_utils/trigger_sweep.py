@@ -74,12 +74,15 @@ def run(config: Config) -> Sweep:
     )
 
 
-def run_presets(config: Config) -> dict[str, Sweep]:
-    """The sweep under each preset of the open conventions, on the same data."""
-    return {
-        preset: run(config.model_copy(update={"preset": preset, "conventions": {}}))
-        for preset in PRESETS
-    }
+def run_presets(config: Config, sweep: Sweep) -> dict[str, Sweep]:
+    """The sweep under each preset of the open conventions, on the same data.
+
+    Parameters
+    ----------
+    sweep : what `run` gave: one preset's sweep, if no field was replaced
+    """
+    wanted = {preset: config.under(preset) for preset in PRESETS}
+    return {preset: sweep if other == config else run(other) for preset, other in wanted.items()}
 
 
 def triggers_by_tau(sweep: Sweep, p: float) -> list[int]:
@@ -111,6 +114,23 @@ def roles(config: Config) -> dict[str, float]:
         "least": min(positive),
         "most": max(config.p_levels),
     }
+
+
+def ranking(sweep: Sweep, p: float) -> tuple[float, float]:
+    """Area under the ROC curve of the score against failure: within worlds, and pooled over them.
+
+    Over the windows that may fire. Within worlds: the mean over those that have failed windows
+    and others; NaN where there is no such world.
+    """
+    from sngr_utils.metrics.precision_recall import roc_auc
+    from sngr_utils.sngr.trigger import FIRST_ELIGIBLE
+
+    scores = [run.scores[FIRST_ELIGIBLE:] for run in sweep.level(p)]
+    failed = [run.failed[FIRST_ELIGIBLE:] for run in sweep.level(p)]
+    areas = [roc_auc(*world) for world in zip(scores, failed, strict=True)]
+    known = [area for area in areas if not np.isnan(area)]
+    within = float(np.mean(known)) if known else float("nan")
+    return within, roc_auc(np.concatenate(scores), np.concatenate(failed))
 
 
 def pooled_scores(sweep: Sweep, p: float) -> np.ndarray:

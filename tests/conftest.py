@@ -19,8 +19,14 @@ def clean() -> baseline.Baseline:
 
 @pytest.fixture(scope="session")
 def paper_sweep() -> trigger_sweep.Sweep:
-    """Notebook 02's sweep with the paper's parameters."""
+    """Notebook 02's sweep with the paper's parameters, preset C."""
     return trigger_sweep.run(trigger_sweep.Config())
+
+
+@pytest.fixture(scope="session")
+def paper_presets(paper_sweep) -> dict[str, trigger_sweep.Sweep]:
+    """The same under every preset."""
+    return trigger_sweep.run_presets(paper_sweep.config, paper_sweep)
 
 
 @pytest.fixture

@@ -54,7 +54,13 @@ def test_three_ways_to_write_the_closure_agree(costs, tmp_path):
     assert closure.window_factors == 22
     to = report.Report("x", tmp_path)
     show.record(config, levels, closure, to)
-    to.table("cost", show.cost_table(levels), timing=True)
+    presets = cost.run_presets(config, levels)
+    assert presets["C"] is levels
+    table = show.cost_table(presets)
+    assert table.shape == (6, 6)
+    assert table["", "printed"][4] == "1.4"
+    assert table["preset", "C"][5] == f"{level.saving_calls:.1f}"
+    to.table("cost", table, timing=True)
     to.save()
     assert (tmp_path / "x.timings.json").exists()
     assert show.closure_table(levels, closure).shape == (3, 6)

@@ -34,11 +34,17 @@ def test_pipeline_applies_only_what_the_gate_accepts(pipeline):
 
 def test_pipeline_tables_and_figures(pipeline, tmp_path):
     config, levels = pipeline
-    other = config.model_copy(update={"engine": "nested"})
-    presets = full_sngr.run_presets(other, levels)
-    assert show.sngr_table(config, levels).shape == (1, 15)
+    presets = full_sngr.run_presets(config, levels)
+    assert presets["C"] is levels
+    assert list(presets) == ["A", "B", "C"]
+    table = show.sngr_table(config, presets)
+    assert table.shape == (8, 6)
+    assert table["", "printed"][1] == "3.81"
+    assert table["preset", "C"][1] == f"{levels[0.3].pose_rmse:.2f}"
     assert show.gain_table(levels).shape[0] == 1
-    assert list(show.preset_table(presets)["preset"]) == ["printed", "A", "B", "C"]
+    gains = show.preset_table(config, presets)
+    assert list(gains) == ["", "printed", "preset A", "preset B", "preset C"]
+    assert gains["preset C"][0] == str(len(levels[config.p_diagnosed].windows))
     to = report.Report("x", tmp_path)
     show.record(config, levels, presets, to)
     level = levels[config.p_diagnosed]
@@ -51,8 +57,8 @@ def test_pipeline_tables_and_figures(pipeline, tmp_path):
     assert 0 < to_marginal < to_conditional < 1.5
     fig, axes = plt.subplots(1, 4, figsize=(2 * 4, 2.5))
     show.draw_window_samples(axes[0], truth, estimate, samples, mean)
-    show.draw_gains(axes[1], show.per_window(presets, "delta_logp"))
-    show.draw_ess(axes[2], show.per_window(presets, "ess_share"))
+    show.draw_gains(axes[1], show.per_window(config, presets, "delta_logp"))
+    show.draw_ess(axes[2], show.per_window(config, presets, "ess_share"))
     show.draw_rmse(axes[3], config.p_levels, show.rmse_series(levels))
     to.figure(fig, "all")
 
@@ -71,7 +77,7 @@ def test_pipeline_without_any_trigger_still_reports(tmp_path):
     assert np.isnan(levels[0.3].median_gain)
     assert levels[0.3].pose_rmse == pytest.approx(levels[0.3].baseline.pose_rmse)
     to = report.Report("x", tmp_path)
-    show.record(config, levels, {"A": levels[0.3]}, to)
+    show.record(config, levels, {"A": levels}, to)
     to.save()
     tex = latex.latex([files.read_json(tmp_path / "x.json")])["values.tex"]
     assert r"\csname res@sngr.gain_max.A\endcsname{--}" in tex

@@ -75,13 +75,21 @@ def refine_windows(
     ).windows  # fmt: skip
 
 
-def measure(base: Baseline, conventions: Conventions, tau: float, sampler: SamplerSettings) -> Cost:
+def measure(
+    base: Baseline,
+    conventions: Conventions,
+    tau: float,
+    sampler: SamplerSettings,
+    engine: str = "dynesty",
+) -> Cost:
     """Refine the windows that trigger, and every third of the others, timing each."""
     _, isam2_seconds = timed(lambda: run_isam2(base.world, conventions))
     fired = base.fired(tau)
     calls, seconds = np.full((2, len(fired)), np.nan)
     for t in [*np.flatnonzero(fired), *np.flatnonzero(~fired)[::EVERY]]:
-        refined, seconds[t] = timed(lambda t=t: refine_windows(base, conventions, t, sampler))
+        refined, seconds[t] = timed(
+            lambda t=t: refine_windows(base, conventions, t, sampler, engine)
+        )
         calls[t] = refined[0].run.calls
     return Cost(base, fired, calls, seconds, isam2_seconds)
 

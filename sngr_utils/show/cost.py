@@ -15,6 +15,7 @@ from sngr_utils.metrics import standard_error
 from sngr_utils.publish import cells, report
 from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
+from sngr_utils.show.presets import beside_printed
 
 if TYPE_CHECKING:
     from sngr_utils.experiments.growth import Growth
@@ -52,22 +53,31 @@ def per_window(costs: dict[float, Cost]) -> tuple[float, float]:
     return calls, sum(cost.exhaustive(cost.seconds) for cost in costs.values()) / n
 
 
-def cost_table(costs: dict[float, Cost]) -> pd.DataFrame:
+COST = {
+    "triggered": ("triggered", "d"),
+    "isam2": ("iSAM2 [s]", ".3f"),
+    "refine": ("refine [s]", ".2f"),
+    "exhaustive": ("exhaustive [s]", ".2f"),
+    "saving": ("saving in time", ".1f"),
+    "calls": ("saving in calls", ".1f"),
+}
+
+
+def cost_table(presets: dict[str, dict[float, Cost]]) -> pd.DataFrame:
     """tab:cost, printed beside ours: wall clocks (ours from one run on one machine) and savings."""
-    printed, t, rows = report.printed_values()["cost"], cells.text, []
-    for p, cost in costs.items():
-        was = printed.get(p, {})
-        rows.append([
-            f"{p:g}", t(was.get("triggered"), "d"), str(int(cost.fired.sum())),
-            t(was.get("isam2")), t(cost.isam2_seconds, ".3f"),
-            t(was.get("refine"), "d"), t(cost.seconds[cost.fired].sum(), ".1f"),
-            t(was.get("exhaustive"), "d"), t(cost.exhaustive(cost.seconds), ".1f"),
-            t(was.get("saving"), ".1f"), t(cost.saving_seconds, ".1f"), t(cost.saving_calls, ".1f"),
-        ])  # fmt: skip
-    groups = ["triggered", "iSAM2 [s]", "refine [s]", "exhaustive [s]"]
-    heads = [("", "p")] + [(name, who) for name in groups for who in ("printed", "ours")]
-    heads += [("saving", who) for who in ("printed", "ours", "in calls")]
-    return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples(heads))
+    ours = {name: {p: _costs(cost) for p, cost in costs.items()} for name, costs in presets.items()}
+    return beside_printed(COST, report.printed_values()["cost"], ours)
+
+
+def _costs(cost: Cost) -> dict[str, float]:
+    return {
+        "triggered": int(cost.fired.sum()),
+        "isam2": cost.isam2_seconds,
+        "refine": float(cost.seconds[cost.fired].sum()),
+        "exhaustive": cost.exhaustive(cost.seconds),
+        "saving": cost.saving_seconds,
+        "calls": cost.saving_calls,
+    }
 
 
 def closure_table(costs: dict[float, Cost], closure: ClosureCost) -> pd.DataFrame:

@@ -14,6 +14,7 @@ from sngr_utils.metrics import standard_error
 from sngr_utils.publish import cells, report
 from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
+from sngr_utils.show.presets import beside_printed
 from sngr_utils.show.style import PRESET_COLOURS, PRESET_MARKERS, WRONG_LABEL
 
 if TYPE_CHECKING:
@@ -32,48 +33,62 @@ def rmse_series(levels: dict[float, RefinedWorld]) -> dict[str, list[float]]:
 
 
 def per_window(
-    presets: dict[str, RefinedWorld], what: str
+    config: Config, presets: dict[str, dict[float, RefinedWorld]], what: str
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Preset -> (windows, their "delta_logp" [nats] or "ess_share")."""
+    """Preset -> (windows, their "delta_logp" [nats] or "ess_share"), at p_diagnosed."""
     chosen = {}
-    for name, level in presets.items():
+    for name, levels in presets.items():
+        level = levels[config.p_diagnosed]
         values = level.gains if what == "delta_logp" else level.ess_shares
         chosen[name] = (np.array([window.t for window in level.windows]), values)
     return chosen
 
 
-def sngr_table(config: Config, levels: dict[float, RefinedWorld]) -> pd.DataFrame:
+SNGR = {
+    "isam2_rmse": ("iSAM2 RMSE [m]", ".2f"),
+    "pose_rmse": ("SNGR RMSE [m]", ".2f"),
+    "landmark_rmse": ("landmark RMSE [m]", ".2f"),
+    "nees": ("NEES", ".1f"),
+    "triggered": ("triggered", "d"),
+    "accepted": ("accepted", "d"),
+    "precision": ("precision", ".2f"),
+    "recall": ("recall", ".2f"),
+}
+
+
+def sngr_table(config: Config, presets: dict[str, dict[float, RefinedWorld]]) -> pd.DataFrame:
     """tab:sngr, printed beside ours, with the RMSE of iSAM2 before refinement."""
-    printed, t, rows = report.printed_values()["sngr"], cells.text, []
-    for p, level in levels.items():
-        was, base = printed.get(p, {}), level.baseline
-        found = base.detection(config.tau)
-        rows.append([
-            f"{p:g}", t(base.pose_rmse), t(was.get("pose_rmse")), t(level.pose_rmse),
-            t(was.get("landmark_rmse")), t(base.landmark_rmse),
-            t(was.get("nees"), ".1f"), t(level.nees, ".1f"),
-            t(was.get("triggered"), "d"), str(found.triggered), str(level.accepted),
-            t(was.get("precision")), t(found.precision), t(was.get("recall")), t(found.recall),
-        ])  # fmt: skip
-    both = ("printed", "ours")
-    heads = [
-        ("", "p"), ("iSAM2 RMSE", "ours"),
-        *[(name, who) for name in ("SNGR RMSE", "landmark RMSE", "NEES", "triggered")
-          for who in both],
-        ("accepted", "ours"),
-        *[(name, who) for name in ("precision", "recall") for who in both],
-    ]  # fmt: skip
-    return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples(heads))
+    ours = {
+        name: {p: _numbers(level, config.tau) for p, level in levels.items()}
+        for name, levels in presets.items()
+    }
+    return beside_printed(SNGR, report.printed_values()["sngr"], ours)
+
+
+def _numbers(level: RefinedWorld, tau: float) -> dict[str, float]:
+    found = level.baseline.detection(tau)
+    return {
+        "isam2_rmse": level.baseline.pose_rmse, "pose_rmse": level.pose_rmse,
+        "landmark_rmse": level.baseline.landmark_rmse, "nees": level.nees,
+        "triggered": found.triggered, "accepted": level.accepted,
+        "precision": found.precision, "recall": found.recall,
+    }  # fmt: skip
 
 
 def gain_table(levels: dict[float, RefinedWorld]) -> pd.DataFrame:
-    """Gain of the refined windows, what the gate made of them, what the trajectory gained."""
-    rows = [[f"{p:g}", *_gain_cells(level, ".3f")] for p, level in levels.items()]
+    """Gain of the refined windows, what the gate made of them, what the trajectory gained.
+
+    Three decimals where no window gains a tenth of a nat, and one elsewhere, as in `preset_table`.
+    """
+    rows = [
+        [f"{p:g}", *_gain_cells(level, ".1f" if level.largest_gain > 0.1 else ".3f")]
+        for p, level in levels.items()
+    ]
     return pd.DataFrame(rows, columns=["p", *GAIN_COLUMNS])
 
 
-def preset_table(presets: dict[str, RefinedWorld]) -> pd.DataFrame:
-    """The same under each preset, after what the paper prints for its own conventions.
+def preset_table(config: Config, presets: dict[str, dict[float, RefinedWorld]]) -> pd.DataFrame:
+    """The same at p_diagnosed under each preset, after what the paper prints.
 
     One decimal: iSAM2's lazy relinearisation (A, C) turns rounding, which differs between
     processors, into differences of hundredths of a nat.
@@ -81,10 +96,12 @@ def preset_table(presets: dict[str, RefinedWorld]) -> pd.DataFrame:
     low, high = report.printed_values()["diagnostics_p0.2"]["delta_logp_range"]
     refined = report.printed_values()["sngr"][0.2]["triggered"]
     gains = [cells.text(low, ".1f"), cells.NONE, cells.text(high, ".1f")]
-    rows = [["printed", str(refined), cells.NONE, *gains, cells.NONE, cells.NONE]]
-    for preset, level in presets.items():
-        rows.append([preset, *_gain_cells(level, ".1f"), cells.text(level.baseline.pose_rmse)])
-    return pd.DataFrame(rows, columns=["preset", *GAIN_COLUMNS, "iSAM2 RMSE [m]"])
+    columns = {"printed": [str(refined), cells.NONE, *gains, cells.NONE, cells.NONE]}
+    for preset, levels in presets.items():
+        level = levels[config.p_diagnosed]
+        rmse = cells.text(level.baseline.pose_rmse)
+        columns[f"preset {preset}"] = [*_gain_cells(level, ".1f"), rmse]
+    return pd.DataFrame({"": [*GAIN_COLUMNS, "iSAM2 RMSE [m]"], **columns})
 
 
 GAIN_COLUMNS = ["refined", "accepted", "least Δ log p", "median", "largest", "RMSE change [mm]"]
@@ -101,7 +118,7 @@ def _gain_cells(level: RefinedWorld, fmt: str) -> list[str]:
 def record(
     config: Config,
     levels: dict[float, RefinedWorld],
-    presets: dict[str, RefinedWorld],
+    presets: dict[str, dict[float, RefinedWorld]],
     to: report.Report,
 ) -> None:
     """Hand the pipeline's values to the paper."""
@@ -110,7 +127,8 @@ def record(
     to.value("sngr.p_diagnosed", config.p_diagnosed, "g")
     window = example_window(config, levels[config.p_diagnosed])
     to.value("sngr.mean_cost", window.expected_loss, ".3f", unit="nats")
-    for preset, level in presets.items():
+    for preset, others in presets.items():
+        level = others[config.p_diagnosed]
         to.value(f"sngr.refined.{preset}", len(level.windows), ".0f")
         to.value(f"sngr.gain_median.{preset}", level.median_gain, ".1f", "nats", within=0.1)
         to.value(f"sngr.gain_max.{preset}", level.largest_gain, ".1f", "nats", within=0.1)

@@ -11,108 +11,139 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
 from sngr_utils.metrics import standard_error
-from sngr_utils.publish import cells, report
+from sngr_utils.publish import report
 from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
+from sngr_utils.show.presets import beside_printed
 from sngr_utils.show.style import WRONG_LABEL
-from sngr_utils.trigger_sweep import Sweep, pooled_scores, roles, triggers_by_tau
+from sngr_utils.trigger_sweep import Sweep, pooled_scores, ranking, roles, triggers_by_tau
 
 if TYPE_CHECKING:
     from sngr_utils.sngr.baseline import Baseline
 
 
-def preset_table(presets: dict[str, Sweep]) -> pd.DataFrame:
-    """RMSE over the seeds [m] at every p: as printed, and under each preset."""
-    printed, rows = report.printed_values()["baseline"], []
-    config = next(iter(presets.values())).config
-    for p in config.p_levels:
-        was = printed.get(p)
-        shown = f"{cells.text(was['rmse'])} ± {cells.text(was['rmse_std'])}" if was else "–"
-        ours = [
-            cells.mean_std([run.pose_rmse for run in sweep.level(p)]) for sweep in presets.values()
-        ]
-        rows.append([f"{p:g}", shown, *ours])
-    return pd.DataFrame(rows, columns=["p", "printed", *(f"preset {name}" for name in presets)])
-
-
-def tau_table(sweep: Sweep) -> pd.DataFrame:
+def tau_table(presets: dict[str, Sweep]) -> pd.DataFrame:
     """tab:tau: triggered windows against tau on clean and noisy data, printed beside ours."""
-    printed, c = report.printed_values()["tau_sensitivity"], sweep.config
-    clean, noisy = triggers_by_tau(sweep, c.p_clean), triggers_by_tau(sweep, c.p_noisy)
-    rows = [
-        [
-            cells.text(tau),
-            cells.text(printed.get(tau, {}).get("clean"), "d"),
-            str(clean[i]),
-            cells.text(printed.get(tau, {}).get("noisy_p0.3"), "d"),
-            str(noisy[i]),
-        ]
-        for i, tau in enumerate(c.tau_grid)
-    ]
-    heads = [("", "τ")] + [
-        (f"p = {p:g}", who) for p in (c.p_clean, c.p_noisy) for who in ("printed", "ours")
-    ]
-    return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples(heads))
+    config = next(iter(presets.values())).config
+    levels = {"clean": config.p_clean, "noisy": config.p_noisy}
+    keys = {"clean": "clean", "noisy": f"noisy_p{config.p_noisy:g}"}
+    ours = {}
+    for name, sweep in presets.items():
+        counts = {keys[role]: triggers_by_tau(sweep, p) for role, p in levels.items()}
+        ours[name] = {
+            tau: {key: fired[i] for key, fired in counts.items()}
+            for i, tau in enumerate(config.tau_grid)
+        }
+    quantities = {keys[role]: (f"p = {p:g}", "d") for role, p in levels.items()}
+    return beside_printed(quantities, report.printed_values()["tau_sensitivity"], ours, "τ")
 
 
-def baseline_table(sweep: Sweep) -> pd.DataFrame:
+BASELINE = {
+    "rmse": ("RMSE [m], mean", ".2f"),
+    "rmse_std": ("RMSE [m], std", ".2f"),
+    "nees": ("NEES", ".1f"),
+    "precision": ("precision", ".2f"),
+    "recall": ("recall", ".2f"),
+    "triggered": ("triggered", "d"),
+    "failed": ("failed", "d"),
+    "base_rate": ("base rate", ".2f"),
+}
+
+
+def baseline_table(presets: dict[str, Sweep]) -> pd.DataFrame:
     """tab:baseline: RMSE over seeds; NEES, precision, recall, counts of the first seed."""
-    printed, t, rows = report.printed_values()["baseline"], cells.text, []
-    for p in sweep.config.p_levels:
-        was, single = printed.get(p, {}), sweep.single(p)
-        found = single.detection(sweep.config.tau)
-        rmses = [run.pose_rmse for run in sweep.level(p)]
-        was_rmse = f"{t(was['rmse'])} ± {t(was['rmse_std'])}" if was else cells.NONE
-        rows.append([
-            f"{p:g}", was_rmse, cells.mean_std(rmses),
-            t(was.get("nees"), ".1f"), t(single.nees, ".1f"),
-            t(was.get("precision")), t(found.precision), t(was.get("recall")), t(found.recall),
-            t(was.get("triggered"), "d"), str(found.triggered),
-            t(was.get("failed"), "d"), str(found.failed), t(single.base_rate),
-        ])  # fmt: skip
-    groups = ["RMSE [m]", "NEES", "precision", "recall", "triggered", "failed"]
-    heads = [("", "p")] + [(name, who) for name in groups for who in ("printed", "ours")]
-    return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples([*heads, ("base rate", "ours")]))
+    ours = {
+        name: {p: _baseline(sweep, p) for p in sweep.config.p_levels}
+        for name, sweep in presets.items()
+    }
+    return beside_printed(BASELINE, report.printed_values()["baseline"], ours)
 
 
-def per_seed_table(sweep: Sweep) -> pd.DataFrame:
+def _baseline(sweep: Sweep, p: float) -> dict[str, float]:
+    single, rmses = sweep.single(p), [run.pose_rmse for run in sweep.level(p)]
+    return {
+        "rmse": float(np.mean(rmses)),
+        "rmse_std": standard_error.standard_deviation(rmses),
+        "nees": single.nees,
+        "base_rate": single.base_rate,
+        **_detected(single, sweep.config.tau),
+    }
+
+
+def _detected(run: Baseline, tau: float) -> dict[str, float]:
+    """Counts and rates of the trigger in one world, by the names of the printed tables."""
+    found = run.detection(tau)
+    return {
+        "triggered": found.triggered, "failed": found.failed, "tp": found.true_positives,
+        "fp": found.false_positives, "fn": found.false_negatives,
+        "precision": found.precision, "recall": found.recall,
+    }  # fmt: skip
+
+
+PER_SEED = {
+    "triggered": ("triggered", "d"),
+    "tp": ("TP", "d"),
+    "fp": ("FP", "d"),
+    "fn": ("FN", "d"),
+    "precision": ("precision", ".2f"),
+    "recall": ("recall", ".2f"),
+}
+
+
+def per_seed_table(presets: dict[str, Sweep]) -> pd.DataFrame:
     """tab:perseed: detection at the noisy p, seed by seed, printed beside ours."""
-    printed, t, rows = report.printed_values()["per_seed_p0.3"], cells.text, []
-    for run in sweep.level(sweep.config.p_noisy):
-        was, found = printed.get(run.seed, {}), run.detection(sweep.config.tau)
-        counts = {
-            "triggered": found.triggered, "tp": found.true_positives,
-            "fp": found.false_positives, "fn": found.false_negatives,
-        }  # fmt: skip
-        row = [str(run.seed)]
-        for name, ours in counts.items():
-            row += [t(was.get(name), "d"), str(ours)]
-        for name in ("precision", "recall"):
-            row += [t(was.get(name)), t(getattr(found, name))]
-        rows.append(row)
-    groups = ["triggered", "TP", "FP", "FN", "precision", "recall"]
-    heads = [("", "seed")] + [(name, who) for name in groups for who in ("printed", "ours")]
-    return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples(heads))
+    return beside_printed(
+        PER_SEED, report.printed_values()["per_seed_p0.3"], _by_seed(presets, "noisy"), "seed"
+    )
 
 
-def clean_table(sweep: Sweep) -> pd.DataFrame:
-    """Every world without a single wrong association: does the trigger stay silent?"""
-    rows = []
-    for run in sweep.level(sweep.config.p_clean):
-        found = run.detection(sweep.config.tau)
-        counts = [str(found.triggered), str(found.failed)]
-        rows.append([
-            str(run.seed),
-            cells.text(run.pose_rmse),
-            cells.text(run.nees, ".1f"),
-            *counts,
-        ])
-    return pd.DataFrame(rows, columns=["seed", "RMSE [m]", "NEES", "triggered", "failed"])
+CLEAN = {
+    "triggered": ("windows that fire", "d"),
+    "failed": ("windows that failed", "d"),
+    "fp": ("false alarms", "d"),
+}
 
 
-def record(sweep: Sweep, to: report.Report) -> None:
+def clean_table(presets: dict[str, Sweep]) -> pd.DataFrame:
+    """Every world without a single wrong association: is the trigger silent, is it right?"""
+    return beside_printed(CLEAN, None, _by_seed(presets, "clean"), "seed")
+
+
+def _by_seed(presets: dict[str, Sweep], role: str) -> dict[str, dict[int, dict[str, float]]]:
+    return {
+        name: {
+            run.seed: _detected(run, sweep.config.tau)
+            for run in sweep.level(roles(sweep.config)[role])
+        }
+        for name, sweep in presets.items()
+    }
+
+
+def ranking_table(presets: dict[str, Sweep]) -> pd.DataFrame:
+    """Does the score rank the windows that failed above the others? Area under the ROC curve."""
+    ours = {
+        name: {
+            p: dict(zip(("within", "pooled"), ranking(sweep, p), strict=True))
+            for p in sweep.config.p_levels
+        }
+        for name, sweep in presets.items()
+    }
+    quantities = {"within": ("within a world", ".2f"), "pooled": ("all worlds pooled", ".2f")}
+    return beside_printed(quantities, None, ours)
+
+
+def record(sweep: Sweep, presets: dict[str, Sweep], to: report.Report) -> None:
     """Hand the sweep's values to the paper: its levels by their role, so that they may change."""
     config = sweep.config
+    for name, other in presets.items():
+        clean = [run.detection(config.tau) for run in other.level(config.p_clean)]
+        silent = sum(found.triggered == 0 for found in clean)
+        to.value(f"sweep.{name}.clean_worlds_silent", silent, ".0f")
+        alarms = sum(found.false_positives for found in clean)
+        to.value(f"sweep.{name}.clean_false_alarms", alarms, ".0f")
+        least = other.single(roles(config)["least"]).detection(config.tau)
+        to.value(f"sweep.{name}.triggered.least", least.triggered, ".0f")
+        to.value(f"sweep.{name}.failed.least", least.failed, ".0f")
     to.value("sweep.n_seeds", len(config.seeds), ".0f")
     to.value("sweep.seed", config.seeds[0], ".0f")
     to.value("sweep.tau", config.tau)

@@ -1,10 +1,10 @@
 """What the paper leaves open, and our three presets of it."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from sngr_utils.settings import Checked, Positive
+from sngr_utils.settings import READING, Checked, Positive
 
 
 class Conventions(Checked):
@@ -26,12 +26,15 @@ class Conventions(Checked):
 
 
 PRESETS = {
-    # sensitivity: tight heading, nearly free landmarks, lazy relinearisation
     "A": Conventions(x0_sigmas=[0.2, 0.2, 0.001], landmark_prior_sigma=10.0, relinearize_skip=10),
-    # chosen because it gives the paper's trigger counts on clean data, seed 0
     "B": Conventions(),
-    # GTSAM's own iSAM2 defaults, loose landmarks
     "C": Conventions(landmark_prior_sigma=5.0, relinearize_skip=10),
+}
+
+WHY = {
+    "A": "shows what a known first heading changes",
+    "B": "gives the printed trigger counts on clean data, seed 0",
+    "C": "GTSAM's own iSAM2 settings: our reading",
 }
 
 
@@ -54,7 +57,7 @@ def preset_conventions(preset: str, overrides: dict | None = None) -> Convention
 class OpenConventions(Checked):
     """preset, conventions : the named preset with single fields replaced"""
 
-    preset: str = "B"
+    preset: str = READING
     conventions: dict = {}
 
     @model_validator(mode="after")
@@ -65,3 +68,7 @@ class OpenConventions(Checked):
     @property
     def chosen(self) -> Conventions:
         return preset_conventions(self.preset, self.conventions)
+
+    def under(self, preset: str) -> Self:
+        """The same parameters under a preset as it stands."""
+        return self.model_copy(update={"preset": preset, "conventions": {}})

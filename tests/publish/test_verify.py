@@ -111,20 +111,22 @@ def test_counts_alike_in_all_worlds_must_stay_so(tmp_path):
     assert not rows[0].holds
 
 
-def sweep_values(sweep, tmp_path):
+def sweep_values(sweep, presets, tmp_path):
     to = report.Report("02_trigger_sweep", tmp_path)
-    show_trigger_sweep.record(sweep, to)
+    show_trigger_sweep.record(sweep, presets, to)
     to.save()
     return files.read_json(tmp_path / "02_trigger_sweep.json")["values"]
 
 
-def test_reference_holds_for_the_sweep_and_a_perturbed_parameter_is_caught(paper_sweep, tmp_path):
+def test_reference_holds_for_the_sweep_and_a_perturbed_parameter_is_caught(
+    paper_sweep, paper_presets, tmp_path
+):
     """The proof that verify can fail: a range sigma of 0.11 instead of 0.10 m."""
     committed = reference("02_trigger_sweep")
-    same = verify.compare_values(committed, sweep_values(paper_sweep, tmp_path))
+    same = verify.compare_values(committed, sweep_values(paper_sweep, paper_presets, tmp_path))
     assert all(row.holds for row in same)
     other = trigger_sweep.run(trigger_sweep.Config(range_sigma=0.11))
-    perturbed = verify.compare_values(committed, sweep_values(other, tmp_path))
+    perturbed = verify.compare_values(committed, sweep_values(other, paper_presets, tmp_path))
     assert sum(not row.holds for row in perturbed) > 5
 
 
