@@ -1,12 +1,15 @@
 """GTSAM's linearisation of a range-only graph as blocks of information, and their inversion.
 
-All of it compiled; `chain` is the way in. Pose tangents are [x, y, theta] in the pose's own body
-frame. GTSAM retracts by the exponential map and differentiates the logarithm of the residual
-too, for priors and odometry alike; so the Jacobians depend on the measured motion, and not only
-on the poses. Those of a range do not depend on its value.
+All of it compiled; `chain` and `slam.chain_solver` are the ways in. The information is block
+tridiagonal in the poses, with a border: the landmarks, and a range scale and offset where those
+are estimated. Pose tangents are [x, y, theta] in the pose's own body frame. GTSAM retracts by
+the exponential map and differentiates the logarithm of the residual too, for priors and odometry
+alike; so the Jacobians depend on the measured motion, and not only on the poses. Those of a
+range do not depend on its value.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,13 +17,46 @@ from sngr_utils.numerics.jit import compile_once
 from sngr_utils.numerics.linalg import invert
 
 SMALL_ANGLE = 1e-5  # rad, up to it GTSAM's derivative of the logarithm is a first-order series
+NOT_ESTIMATED = np.array([-1, -1])  # columns of a range scale and offset that are known
 SMALL_RANGE = 1e-10  # m, up to it GTSAM takes (1, 1) for the direction to a landmark
 
 
+class System(NamedTuple):
+    """A linearised chain of T poses with B columns in its border: information, and gradient.
+
+    Attributes
+    ----------
+    own, rest : (T, 3, 3) of each pose, and (T, 3, 3+B) between pose t and [pose t+1 | border]
+    front, lost : (3+B, 3+B) of the border in the lower right, else zero; and its rounding errors
+    slope, pull : (T, 3) and (B,) gradient of the cost by poses and border
+    """
+
+    own: np.ndarray
+    rest: np.ndarray
+    front: np.ndarray
+    lost: np.ndarray
+    slope: np.ndarray
+    pull: np.ndarray
+
+
 @compile_once
-def _frame(pose):
-    """Pose [x, y, theta] as (x, y, cos theta, sin theta)."""
-    return pose[0], pose[1], math.cos(pose[2]), math.sin(pose[2])
+def empty_system(n_poses, n_border):
+    """A system without factors."""
+    width = 3 + n_border
+    return System(
+        np.zeros((n_poses, 3, 3)), np.zeros((n_poses, 3, width)), np.zeros((width, width)),
+        np.zeros((width, width)), np.zeros((n_poses, 3)), np.zeros(n_border),
+    )  # fmt: skip
+
+
+@compile_once
+def frames_of(poses):
+    """(T, 4) rows x, y, cos theta, sin theta of (T, 3) poses x, y, theta."""
+    frames = np.empty((len(poses), 4))
+    for t in range(len(poses)):
+        frames[t, 0], frames[t, 1] = poses[t, 0], poses[t, 1]
+        frames[t, 2], frames[t, 3] = math.cos(poses[t, 2]), math.sin(poses[t, 2])
+    return frames
 
 
 @compile_once
@@ -32,7 +68,25 @@ def _relative(a, b):
 
 
 @compile_once
-def _log_derivative(frame, out):
+def frame_at(frames, t):
+    """Row t of `frames` as a tuple."""
+    return frames[t, 0], frames[t, 1], frames[t, 2], frames[t, 3]
+
+
+@compile_once
+def _logarithm(frame):
+    """Logarithm (v_x, v_y, angle) of a frame of SE(2), in GTSAM's own form."""
+    x, y, cos, sin = frame
+    angle = math.atan2(sin, cos)
+    if abs(angle) < 1e-10:
+        return x, y, angle
+    ux, uy = cos * x + sin * y - x, cos * y - sin * x - y
+    scale = angle / ((cos - 1.0) * (cos - 1.0) + sin * sin)
+    return -scale * uy, scale * ux, angle
+
+
+@compile_once
+def _log_derivative(logarithm, out):
     """Derivative (3, 3) of the SE(2) logarithm by a body-frame step, into `out`.
 
     In GTSAM's own form: 1 - cos cancels for residual headings between 1e-5 and 1e-3 rad, and the
@@ -41,16 +95,9 @@ def _log_derivative(frame, out):
 
     Source: Chirikjian, Stochastic Models, Information Theory, and Lie Groups, vol. 2, sec. 10.6.
     """
-    x, y, cos, sin = frame
-    angle = math.atan2(sin, cos)
+    vx, vy, angle = logarithm
     out[2, 0] = out[2, 1] = 0.0
     out[2, 2] = 1.0
-    if abs(angle) < 1e-10:
-        vx, vy = x, y
-    else:
-        ux, uy = cos * x + sin * y - x, cos * y - sin * x - y
-        scale = angle / ((cos - 1.0) * (cos - 1.0) + sin * sin)
-        vx, vy = -scale * uy, scale * ux
     if abs(angle) <= SMALL_ANGLE:
         out[0, 0] = out[1, 1] = 1.0
         out[0, 1] = out[1, 0] = 0.0
@@ -65,11 +112,22 @@ def _log_derivative(frame, out):
 
 
 @compile_once
-def _odometry_jacobians(first, second, motion, by_first, by_second):
-    """(3, 3) Jacobians of log(motion^-1 * first^-1 * second) by both poses, into the last two."""
-    step = _relative(first, second)
-    _log_derivative(_relative(motion, step), by_second)
-    x, y, cos, sin = step
+def prior_residual(prior, frame):
+    """(3,) residual log(prior^-1 * frame) of the prior on a pose, [m, m, rad]."""
+    return _logarithm(_relative(prior, frame))
+
+
+@compile_once
+def odometry_residual(first, second, motion):
+    """(3,) residual log(motion^-1 * first^-1 * second) of a step (eq. odometry), [m, m, rad]."""
+    return _logarithm(_relative(motion, _relative(first, second)))
+
+
+@compile_once
+def _odometry_jacobians(first, second, residual, by_first, by_second):
+    """(3, 3) Jacobians of `odometry_residual` by both poses, into the last two."""
+    x, y, cos, sin = _relative(first, second)
+    _log_derivative(residual, by_second)
     back_x, back_y = -cos * x - sin * y, sin * x - cos * y
     for i in range(3):  # by_first = -by_second times the adjoint of the step's inverse
         a, b, c = by_second[i, 0], by_second[i, 1], by_second[i, 2]
@@ -79,30 +137,50 @@ def _odometry_jacobians(first, second, motion, by_first, by_second):
 
 
 @compile_once
-def _add_product(left, weights, right, out):
-    """Add left^T diag(weights) right, (3, 3), to the first columns of `out`."""
+def _weigh(jacobian, information, residual, weighted, slope):
+    """jacobian^T information into `weighted`, and times the residual added to `slope`."""
     for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                out[i, j] += left[k, i] * weights[k] * right[k, j]
+        for k in range(3):
+            weighted[i, k] = 0.0
+            for j in range(3):
+                weighted[i, k] += jacobian[j, i] * information[j, k]
+            slope[i] += weighted[i, k] * residual[k]
 
 
 @compile_once
-def add_odometry(poses, x0_mean, x0_weights, odometry, odometry_weights, own, rest):
-    """Add the prior on pose 0 and the T-1 odometry factors to the information blocks.
+def _add_product(weighted, right, out):
+    """Add the product of two (3, 3) to the first columns of `out`."""
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                out[i, j] += weighted[i, k] * right[k, j]
 
-    odometry_weights : (T-1, 3) one over the squared sigmas of each step
+
+@compile_once
+def add_odometry(frames, prior, prior_information, motions, information, system):
+    """Add the prior on pose 0 and the T-1 odometry factors to a system.
+
+    frames, motions : (T, 4) and (T-1, 4) poses and measured motions, as `frames_of` makes them
+    prior : (1, 4), the mean of pose 0
+    prior_information, information : (3, 3) and (T-1, 3, 3), of [x, y, theta]
     """
+    own, rest, slope = system.own, system.rest, system.slope
     by_first, by_second = np.empty((3, 3)), np.empty((3, 3))
-    frame = _frame(poses[0])
-    _log_derivative(_relative(_frame(x0_mean), frame), by_first)
-    _add_product(by_first, x0_weights, by_first, own[0])
-    for t in range(len(odometry)):
-        following = _frame(poses[t + 1])
-        _odometry_jacobians(frame, following, _frame(odometry[t]), by_first, by_second)
-        _add_product(by_first, odometry_weights[t], by_first, own[t])
-        _add_product(by_second, odometry_weights[t], by_second, own[t + 1])
-        _add_product(by_first, odometry_weights[t], by_second, rest[t])
+    weighted = np.empty((3, 3))
+    frame = frame_at(frames, 0)
+    residual = prior_residual(frame_at(prior, 0), frame)
+    _log_derivative(residual, by_first)
+    _weigh(by_first, prior_information, residual, weighted, slope[0])
+    _add_product(weighted, by_first, own[0])
+    for t in range(len(motions)):
+        following = frame_at(frames, t + 1)
+        residual = odometry_residual(frame, following, frame_at(motions, t))
+        _odometry_jacobians(frame, following, residual, by_first, by_second)
+        _weigh(by_first, information[t], residual, weighted, slope[t])
+        _add_product(weighted, by_first, own[t])
+        _add_product(weighted, by_second, rest[t])
+        _weigh(by_second, information[t], residual, weighted, slope[t + 1])
+        _add_product(weighted, by_second, own[t + 1])
         frame = following
 
 
@@ -119,32 +197,59 @@ def _accumulate(sums, lost, i, j, term):
 
 
 @compile_once
-def add_ranges(poses, landmarks, pose_of, label_of, weight, own, rest, front, lost):
-    """Add the ranges to landmarks that are present to the information blocks.
+def distance_and_direction(frames, landmarks, t, k):
+    """Distance from pose t to landmark k, [m], and the direction to it, as GTSAM takes it."""
+    dx, dy = landmarks[k, 0] - frames[t, 0], landmarks[k, 1] - frames[t, 1]
+    distance = math.sqrt(dx * dx + dy * dy)
+    if distance > SMALL_RANGE:
+        return distance, dx / distance, dy / distance
+    return distance, 1.0, 1.0
 
-    The thousands of terms of a landmark all but cancel in what fixes the whole map (the prior on
-    pose 0), so `front` is summed with compensation here and in `eliminate`.
+
+@compile_once
+def add_ranges(
+    frames, landmarks, scale, columns, pose_of, landmark_of, weights, residuals, system
+):  # fmt: skip
+    """Add the ranges to landmarks that are present to a system.
+
+    The residual of a range is scale * distance + offset - range. The thousands of terms of a
+    landmark all but cancel in what fixes the whole map (the prior on pose 0), so `front` is
+    summed with compensation here and in `eliminate`.
+
+    landmarks : (K, 2), NaN for one that is absent
+    columns : (2,) int, columns of the scale and of the offset in the border; -1 if not estimated
+    pose_of, landmark_of, weights, residuals : (N,) of each range, a landmark of -1 for none,
+        one over its variance [1 / m^2], and its residual [m]
     """
-    row, ahead = np.zeros(2), np.zeros(2)
+    own, rest, front, lost = system.own, system.rest, system.front, system.lost
+    row, border, column = np.zeros(2), np.ones(4), np.zeros(4, dtype=np.int64)
+    size = 2 + (columns[0] >= 0) + (columns[1] >= 0)
     for m in range(len(pose_of)):
-        t, k = pose_of[m], label_of[m]
-        if math.isnan(landmarks[k, 0]):
+        t, k = pose_of[m], landmark_of[m]
+        if k < 0 or weights[m] == 0.0 or math.isnan(landmarks[k, 0]):
             continue
-        x, y, cos, sin = _frame(poses[t])
-        dx, dy = landmarks[k, 0] - x, landmarks[k, 1] - y
-        distance = math.sqrt(dx * dx + dy * dy)
-        if distance > SMALL_RANGE:
-            ahead[0], ahead[1] = dx / distance, dy / distance
-        else:
-            ahead[0] = ahead[1] = 1.0
-        row[0], row[1] = -cos * ahead[0] - sin * ahead[1], sin * ahead[0] - cos * ahead[1]
-        column = 3 + 2 * k
+        distance, ahead_x, ahead_y = distance_and_direction(frames, landmarks, t, k)
+        cos, sin = frames[t, 2], frames[t, 3]
+        row[0] = scale * (-cos * ahead_x - sin * ahead_y)
+        row[1] = scale * (sin * ahead_x - cos * ahead_y)
+        border[0], border[1] = scale * ahead_x, scale * ahead_y
+        column[0], column[1] = 2 * k, 2 * k + 1
+        if columns[0] >= 0:
+            border[2], column[2] = distance, columns[0]
+        if columns[1] >= 0:
+            border[size - 1], column[size - 1] = 1.0, columns[1]
+        weight, force = weights[m], weights[m] * residuals[m]
         for i in range(2):
+            system.slope[t, i] += force * row[i]
             for j in range(2):
                 own[t, i, j] += weight * row[i] * row[j]
-                rest[t, i, column + j] += weight * row[i] * ahead[j]
-                term = weight * ahead[i] * ahead[j]
-                _accumulate(front, lost, column + i, column + j, term)
+            for j in range(size):
+                rest[t, i, 3 + column[j]] += weight * row[i] * border[j]
+        for i in range(size):
+            system.pull[column[i]] += force * border[i]
+            for j in range(size):
+                term = weight * border[i] * border[j]
+                _accumulate(front, lost, 3 + column[i], 3 + column[j], term)
 
 
 @compile_once
@@ -157,6 +262,8 @@ def eliminate(own, rest, front, lost):
     front : (3+2K, 3+2K) information of the landmarks in the lower right, else zero -> the same
         with the poses eliminated; upper triangle only
     lost : the rounding errors of `front`, as `add_ranges` leaves them
+
+    Returns the first pose whose information is not positive definite, -1 if there is none.
     """
     n_poses, _, width = rest.shape
     gain = np.empty((3, width))
@@ -168,7 +275,8 @@ def eliminate(own, rest, front, lost):
                 else:
                     rest[t, i, j] += front[i, j]
                 front[i, j] = lost[i, j] = 0.0
-        invert(own[t])
+        if invert(own[t]) >= 0:
+            return t
         for i in range(3):
             for j in range(width):
                 gain[i, j] = 0.0
@@ -183,6 +291,7 @@ def eliminate(own, rest, front, lost):
         for i in range(3):
             for j in range(width):
                 rest[t, i, j] = gain[i, j]
+    return -1
 
 
 @compile_once

@@ -15,9 +15,20 @@ import numpy as np
 
 from sngr_utils.numerics.linalg import invert
 from sngr_utils.slam.conventions import Conventions
-from sngr_utils.slam.information import add_odometry, add_ranges, eliminate, substitute
+from sngr_utils.slam.information import (
+    NOT_ESTIMATED,
+    System,
+    add_odometry,
+    add_ranges,
+    eliminate,
+    empty_system,
+    frames_of,
+    substitute,
+)
 from sngr_utils.slam.solution import Solution
 from sngr_utils.world.simulation import World
+
+UNDETERMINED = 1e12  # times its variance if all others were known: a variable that is left open
 
 
 @dataclass(frozen=True)
@@ -112,22 +123,58 @@ def selected_inverse(
         {"pose_of": (pose_of, n_poses), "label_of": (label_of, n_landmarks)},
         sigmas,
     )
-    size = landmarks.size
-    own, rest = np.zeros((n_poses, 3, 3)), np.zeros((n_poses, 3, 3 + size))
-    front, second = np.zeros((3 + size, 3 + size)), np.empty((n_poses - 2, 3, 3))
-    lost = np.zeros_like(front)
-    front[3:, 3:] = np.eye(size) / landmark_prior_sigma**2
-    add_odometry(poses, x0_mean, x0_sigmas**-2, odometry, odometry_sigmas**-2, own, rest)
-    add_ranges(poses, landmarks, pose_of, label_of, range_sigma**-2, own, rest, front, lost)
-    eliminate(own, rest, front, lost)
-    joint = front[3:, 3:].copy()
-    invert(joint)
-    front[3:, 3:] = joint  # the covariance of the landmarks takes the place of their information
-    substitute(own, rest, front, second)
+    system = empty_system(n_poses, landmarks.size)
+    system.front[3:, 3:] = np.eye(landmarks.size) / landmark_prior_sigma**2
+    frames, prior, motions = frames_of(poses), frames_of(x0_mean[None]), frames_of(odometry)
+    steps = odometry_sigmas[:, :, None] ** -2 * np.eye(3)
+    add_odometry(frames, prior, np.diag(x0_sigmas**-2), motions, steps, system)
+    weights = np.full(len(pose_of), range_sigma**-2)
+    residuals = np.zeros(len(pose_of))  # of no effect: nobody asks for the gradient
+    add_ranges(frames, landmarks, 1.0, NOT_ESTIMATED, pose_of, label_of, weights, residuals, system)
+    return conclude(system, eliminate_poses(system, n_landmarks), landmarks)
+
+
+def eliminate_poses(system: System, n_landmarks: int) -> np.ndarray:
+    """Eliminate the poses in place, see `information.eliminate`.
+
+    Returns
+    -------
+    (B, B) covariance of the border: landmarks [m^2], range scale and offset
+
+    Raises
+    ------
+    ValueError : naming a variable that the data leave open
+    """
+    alone = np.diagonal(system.front)[3:].copy()  # information of each column, all others known
+    pose = eliminate(system.own, system.rest, system.front, system.lost)
+    if pose >= 0:
+        raise ValueError(f"pose {pose} is not determined: its information is not positive definite")
+    joint = system.front[3:, 3:].copy()
+    column = invert(joint)
+    if column < 0 and len(joint):
+        inflation = np.diagonal(joint) * alone
+        column = np.argmax(inflation) if inflation.max() > UNDETERMINED else -1
+    if column >= 0:
+        landmark, last = column // 2, "the range scale or offset"
+        name = f"landmark {landmark}" if landmark < n_landmarks else last
+        raise ValueError(f"{name} is not determined by the ranges and its prior")
+    return joint
+
+
+def conclude(system: System, joint: np.ndarray, landmarks: np.ndarray) -> ChainCovariance:
+    """The covariance blocks, from what `eliminate_poses` has left in `system`, which is used up.
+
+    landmarks : (K, 2), NaN for one that is absent: so is its covariance
+    """
+    n_poses, size = len(system.own), landmarks.size
+    second = np.empty((max(n_poses - 2, 0), 3, 3))
+    system.front[3:, 3:] = joint  # the covariance takes the place of the information
+    substitute(system.own, system.rest, system.front, second)
     absent = np.repeat(np.isnan(landmarks[:, 0]), 2)
-    rest[:, :, 3:][:, :, absent] = np.nan
+    to_landmarks, joint = system.rest[:, :, 3 : 3 + size], joint[:size, :size].copy()
+    to_landmarks[:, :, absent] = np.nan
     joint[absent], joint[:, absent] = np.nan, np.nan
-    return ChainCovariance(own, rest[:-1, :, :3], second, rest[:, :, 3:], joint)
+    return ChainCovariance(system.own, system.rest[:-1, :, :3], second, to_landmarks, joint)
 
 
 def _check_shapes(arrays: dict[str, tuple[np.ndarray, tuple[int, ...]]]) -> None:
