@@ -1,0 +1,202 @@
+"""Levenberg-Marquardt on a chain of poses and its landmarks, compiled, linear in the poses.
+
+Every step eliminates the poses, in order, onto the border (landmarks, range scale and offset).
+How to damp, when to accept a step and when to stop is decided as GTSAM decides, so that it ends
+in the minimum where `gtsam.LevenbergMarquardtOptimizer` does. Robust losses are reweighted at
+every linearisation.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from sngr_utils.numerics.jit import compile_once
+from sngr_utils.slam import damped_step, information
+from sngr_utils.slam.chain_cost import State, cost, linearise
+from sngr_utils.slam.chain_problem import Chain
+from sngr_utils.slam.information import System
+from sngr_utils.slam.range_loss import Loss
+from sngr_utils.slam.selected_inverse import ChainCovariance, conclude, eliminate_poses
+
+EPSILON = 2.0**-52
+FIDELITY = 1e-3  # of the decrease that the linearised cost promises, a step must keep so much
+
+
+class Policy(NamedTuple):
+    """GTSAM's parameters of Levenberg-Marquardt, and its two ways of damping.
+
+    Attributes
+    ----------
+    damping, factor : lambda at first, and by what it grows after a step that fails
+    lowest, highest : between which lambda is kept; above the highest, no step is found
+    scaled : damp by the diagonal of the information, lambda falls by the quality of a step, and
+        the factor doubles (Ceres' rule); else by the identity, lambda falls by the factor
+    most_steps : that are accepted
+    relative, absolute : decrease of the cost, of itself and as it is, at which it has converged
+    """
+
+    damping: float
+    factor: float
+    lowest: float
+    highest: float
+    scaled: bool
+    most_steps: int
+    relative: float
+    absolute: float
+
+
+CERES = Policy(1e-4, 2.0, 1e-16, 1e32, True, 50, 1e-6, 0.0)  # GTSAM's CeresDefaults
+# GTSAM's defaults, but that its lambda may fall to 0, which no factor raises again: a hang
+LEGACY = Policy(1e-5, 10.0, 1e-300, 1e5, False, 100, 1e-5, 1e-5)
+
+
+@compile_once
+def minimise(chain, loss, policy, at):
+    """From the point `at` to a minimum of `chain_cost.cost`; `at` is used up.
+
+    Returns the point, its cost, the number of steps, and whether it has converged.
+
+    Source: Levenberg, Quarterly of Applied Mathematics 2, 1944; Madsen, Nielsen, Tingleff,
+    Methods for non-linear least squares problems, 2004, on the damping; GTSAM's decisions.
+    """
+    to = State(at.frames.copy(), at.landmarks.copy(), at.calibration.copy(), at.residuals.copy())
+    now = cost(chain, loss, at)
+    damping, factor = policy.damping, policy.factor
+    for n in range(policy.most_steps):
+        if now <= 0.0:
+            return at, now, n, True
+        then, damping, factor = _improve(chain, loss, policy, at, now, damping, factor, to)
+        settled = now - then <= max(policy.relative * now, policy.absolute)
+        if then < now:
+            at, to, now = to, at, then
+        if settled:
+            return at, now, n + 1, True
+    return at, now, policy.most_steps, False
+
+
+@compile_once
+def _improve(chain, loss, policy, at, now, damping, factor, to):
+    """Linearise at `at`, and raise lambda until a step from there keeps what it promises.
+
+    Returns the cost at `to` (or `now`, if no step is good enough), lambda and its factor.
+    """
+    system = linearise(chain, loss, at)
+    steps, border = np.empty((len(at.frames), 3)), np.empty(len(system.pull))
+    while True:  # lambda grows by a factor every time, and there is a highest
+        promised = damped_step.solve(system, damping, policy.scaled, steps, border)
+        if promised >= 0.0:
+            damped_step.move(at, steps, border, chain.columns, to)
+            then = cost(chain, loss, to)
+            decrease = now - then
+            if promised > EPSILON * now and decrease > FIDELITY * promised:
+                return then, *_relaxed(policy, damping, factor, decrease / promised)
+            if abs(decrease) < policy.relative * now:
+                return now, damping, factor
+        damping *= factor
+        if policy.scaled:
+            factor *= 2.0
+        if damping >= policy.highest:
+            return now, damping, factor
+
+
+@compile_once
+def _relaxed(policy, damping, factor, fidelity):
+    """Lambda and its factor after a step that has decreased the cost by `fidelity` of a promise."""
+    if policy.scaled:
+        damping *= max(1.0 / 3.0, 1.0 - (2.0 * fidelity - 1.0) ** 3)
+        return max(damping, policy.lowest), policy.factor
+    return max(damping / factor, policy.lowest), factor
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The minimum that `solve` found, or where it stopped.
+
+    Attributes
+    ----------
+    poses, landmarks : (T, 3) [m, m, rad] and (K, 2) [m]; NaN for a landmark that is absent
+    calibration : (2,) range scale, and offset [m]
+    residuals : (N,) of the ranges, [m]; 0 for one of no landmark or of no weight
+    cost : minus the log posterior but for a constant, [nats]
+    steps : how many it took
+    converged : False if it has used up the steps of its policy
+    """
+
+    poses: np.ndarray
+    landmarks: np.ndarray
+    calibration: np.ndarray
+    residuals: np.ndarray
+    cost: float
+    steps: int
+    converged: bool
+    _system: System  # at the estimate, poses eliminated
+    _joint: np.ndarray  # covariance of the border
+
+    @cached_property
+    def covariance(self) -> ChainCovariance:
+        """All blocks from one selected inverse; a loss counts with its weights at the estimate."""
+        system = System(*(block.copy() for block in self._system))
+        return conclude(system, self._joint, self.landmarks)
+
+    @property
+    def position_covariances(self) -> np.ndarray:
+        """(T, 2, 2) in the world frame, [m^2]"""
+        cos, sin = np.cos(self.poses[:, 2]), np.sin(self.poses[:, 2])
+        rotations = np.moveaxis(np.array([[cos, -sin], [sin, cos]]), 2, 0)
+        return rotations @ self.covariance.poses[:, :2, :2] @ rotations.swapaxes(1, 2)
+
+    @property
+    def calibration_covariance(self) -> np.ndarray:
+        """(B, B) of those of range scale and offset that are estimated"""
+        return self._joint[self.landmarks.size :, self.landmarks.size :]
+
+
+def solve(
+    chain: Chain, poses: np.ndarray, landmarks: np.ndarray, loss: Loss, policy: Policy
+) -> Estimate:
+    """Minimise the cost of a chain from a start.
+
+    Parameters
+    ----------
+    poses, landmarks : (T, 3) [m, m, rad] and (K, 2) [m]; NaN for a landmark that is absent
+
+    Raises
+    ------
+    ValueError : a start that does not fit or is not finite; a landmark, or the range scale or
+        offset, that the data leave open
+    """
+    return concluded(chain, loss, *minimise(chain, loss, policy, state_of(chain, poses, landmarks)))
+
+
+def concluded(chain: Chain, loss: Loss, at: State, least: float, steps: int, converged: bool):
+    """The `Estimate` that `minimise` has found, with the information at it."""
+    system = linearise(chain, loss, at)
+    joint = eliminate_poses(system, len(at.landmarks))
+    poses = np.column_stack([at.frames[:, :2], np.arctan2(at.frames[:, 3], at.frames[:, 2])])
+    found = poses, at.landmarks, at.calibration, at.residuals
+    return Estimate(*found, least, steps, converged, system, joint)
+
+
+def state_of(chain: Chain, poses: np.ndarray, landmarks: np.ndarray) -> State:
+    """A start that compiled code may read and write.
+
+    Raises
+    ------
+    ValueError : as `solve`
+    """
+    poses, landmarks = (np.array(a, dtype=float, order="C") for a in (poses, landmarks))
+    for name, array, shape in (
+        ("poses", poses, (len(chain.motions) + 1, 3)),
+        ("landmarks", landmarks, chain.landmark_means.shape),
+    ):
+        if array.shape != shape:
+            raise ValueError(f"{name} has shape {array.shape}: it must be {shape}")
+    if not np.isfinite(poses).all():
+        raise ValueError(f"poses[{np.argwhere(~np.isfinite(poses))[0, 0]}] must be finite")
+    finite, absent = np.isfinite(landmarks).all(axis=1), np.isnan(landmarks).all(axis=1)
+    if not (finite | absent).all():
+        raise ValueError(f"landmarks[{np.argmin(finite | absent)}] must be finite, or NaN")
+    frames, calibration = information.frames_of(poses), chain.calibration_means.copy()
+    return State(frames, landmarks, calibration, np.zeros(len(chain.ranges)))
