@@ -9,13 +9,16 @@ from sngr_utils.numerics.jit import compile_once
 
 @compile_once
 def invert(matrix):
-    """Invert a symmetric positive definite (n, n) matrix in place; reads its upper triangle."""
+    """Invert a symmetric positive definite (n, n) matrix in place; reads its upper triangle.
+
+    Returns the first row at which it is not positive definite, -1 if it is.
+    """
     n = len(matrix)
     for j in range(n):  # Cholesky: matrix = U^T U
         for k in range(j):
             matrix[j, j] -= matrix[k, j] * matrix[k, j]
         if not matrix[j, j] > 0.0:
-            raise ValueError("the information matrix is not positive definite: no covariance")
+            return j
         matrix[j, j] = math.sqrt(matrix[j, j])
         for i in range(j + 1, n):
             for k in range(j):
@@ -34,6 +37,7 @@ def invert(matrix):
             for k in range(i, n):
                 total += matrix[i, k] * matrix[j, k]
             matrix[i, j] = matrix[j, i] = total
+    return -1
 
 
 @compile_once

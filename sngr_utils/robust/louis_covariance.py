@@ -134,9 +134,10 @@ def _pose_covariances(info: sparse.csr_array, n_poses: int) -> np.ndarray:
     ValueError : it is not positive definite
     """
     own, rest, front = _blocks(info, n_poses)
-    information.eliminate(own, rest, front, np.zeros_like(front))
+    failed = information.eliminate(own, rest, front, np.zeros_like(front)) >= 0
     joint = front[3:, 3:].copy()
-    invert(joint)
+    if failed or invert(joint) >= 0:
+        raise ValueError("the information matrix is not positive definite: no covariance")
     front[3:, 3:] = joint
     information.substitute(own, rest, front, np.empty((max(n_poses - 2, 0), 3, 3)))
     return own

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sngr_utils.numerics.jit import compile_once
+from sngr_utils.numerics.linalg import invert
 from sngr_utils.slam import information
 
 ANY, NOT_NEGATIVE, POSITIVE = -math.inf, 0.0, math.ulp(0.0)
@@ -171,7 +172,7 @@ def _invert_each(covariances):
             for j in range(3):
                 largest = max(largest, abs(covariances[t, i, j]))
                 skew = max(skew, abs(covariances[t, i, j] - covariances[t, j, i]))
-        if skew > SYMMETRIC * largest or information.invert(covariances[t]) >= 0:
+        if skew > SYMMETRIC * largest or invert(covariances[t]) >= 0:
             return t
     return -1
 

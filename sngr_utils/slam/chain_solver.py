@@ -62,43 +62,35 @@ def minimise(chain, loss, policy, at):
     Methods for non-linear least squares problems, 2004, on the damping; GTSAM's decisions.
     """
     to = State(at.frames.copy(), at.landmarks.copy(), at.calibration.copy(), at.residuals.copy())
-    now = cost(chain, loss, at)
-    damping, factor = policy.damping, policy.factor
+    steps = np.empty((len(at.frames), 3))
+    border = np.empty(at.landmarks.size + (chain.columns[0] >= 0) + (chain.columns[1] >= 0))
+    now, damping, factor = cost(chain, loss, at), policy.damping, policy.factor
     for n in range(policy.most_steps):
         if now <= 0.0:
             return at, now, n, True
-        then, damping, factor = _improve(chain, loss, policy, at, now, damping, factor, to)
-        settled = now - then <= max(policy.relative * now, policy.absolute)
-        if then < now:
-            at, to, now = to, at, then
-        if settled:
+        system = linearise(chain, loss, at)
+        before, good = now, False
+        while not good:  # lambda grows by a factor every time, and there is a highest
+            then = np.inf
+            promised = damped_step.solve(system, damping, policy.scaled, steps, border)
+            if promised >= 0.0:
+                damped_step.move(at, steps, border, chain.columns, to)
+                then = cost(chain, loss, to)
+            decrease = before - then
+            good = promised > EPSILON * before and decrease > FIDELITY * promised
+            if good:
+                at, to, now = to, at, then
+                damping, factor = _relaxed(policy, damping, factor, decrease / promised)
+            elif abs(decrease) < policy.relative * before:
+                break
+            else:
+                damping *= factor
+                factor *= 2.0 if policy.scaled else 1.0
+                if damping >= policy.highest:
+                    break
+        if before - now <= max(policy.relative * before, policy.absolute):
             return at, now, n + 1, True
     return at, now, policy.most_steps, False
-
-
-@compile_once
-def _improve(chain, loss, policy, at, now, damping, factor, to):
-    """Linearise at `at`, and raise lambda until a step from there keeps what it promises.
-
-    Returns the cost at `to` (or `now`, if no step is good enough), lambda and its factor.
-    """
-    system = linearise(chain, loss, at)
-    steps, border = np.empty((len(at.frames), 3)), np.empty(len(system.pull))
-    while True:  # lambda grows by a factor every time, and there is a highest
-        promised = damped_step.solve(system, damping, policy.scaled, steps, border)
-        if promised >= 0.0:
-            damped_step.move(at, steps, border, chain.columns, to)
-            then = cost(chain, loss, to)
-            decrease = now - then
-            if promised > EPSILON * now and decrease > FIDELITY * promised:
-                return then, *_relaxed(policy, damping, factor, decrease / promised)
-            if abs(decrease) < policy.relative * now:
-                return now, damping, factor
-        damping *= factor
-        if policy.scaled:
-            factor *= 2.0
-        if damping >= policy.highest:
-            return now, damping, factor
 
 
 @compile_once

@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from sngr_utils.numerics.jit import compile_once
+from sngr_utils.numerics.linalg import invert
 from sngr_utils.slam import information
 
 LEAST_DIAGONAL, MOST_DIAGONAL = 1e-6, 1e32  # of what scales the damping, as in GTSAM
@@ -43,7 +44,7 @@ def solve(system, damping, scaled, steps, border):
     for i in range(len(border)):
         for j in range(i, len(border)):
             covariance[i, j] = front[3 + i, 3 + j]
-    if information.invert(covariance) >= 0:
+    if invert(covariance) >= 0:
         return -1.0
     _substitute_gradient(own, rest, covariance, system.slope, system.pull, steps, border)
     decrease = 0.0
