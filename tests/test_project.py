@@ -42,6 +42,13 @@ def test_every_folder_is_on_the_map():
     assert len(named) == len(set(named)) + 1  # `bimodal` ... heads the list of helpers
 
 
+def test_long_modules_say_why():
+    """Above 300 lines, in its docstring."""
+    for path in FILES:
+        text = path.read_text(encoding="utf-8")
+        assert text.count("\n") <= 300 or "300 lines" in ast.get_docstring(ast.parse(text)), path
+
+
 @pytest.mark.parametrize(
     "name", [n for n in TRACKED if n.endswith((".md", ".yaml", ".tex", ".ipynb", "Makefile"))]
 )

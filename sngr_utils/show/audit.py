@@ -1,4 +1,7 @@
-"""The tables and figures of notebook 05, and what it records. Long, for it has twenty tables."""
+"""The tables and figures of notebook 05, and what it records.
+
+More than 300 lines, for the notebook has twenty tables.
+"""
 
 from collections.abc import Sequence
 

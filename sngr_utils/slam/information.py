@@ -1,11 +1,12 @@
 """GTSAM's linearisation of a range-only graph as blocks of information, and their inversion.
 
-All of it compiled; `chain` and `slam.chain_solver` are the ways in. The information is block
+All of it compiled; `selected_inverse` and `chain_solver` are the ways in. The information is block
 tridiagonal in the poses, with a border: the landmarks, and a range scale and offset where those
 are estimated. Pose tangents are [x, y, theta] in the pose's own body frame. GTSAM retracts by
 the exponential map and differentiates the logarithm of the residual too, for priors and odometry
 alike; so the Jacobians depend on the measured motion, and not only on the poses. Those of a
 range do not depend on its value.
+More than 300 lines: linearisation and elimination are compiled into each other.
 """
 
 import math

@@ -3,6 +3,7 @@
 GTSAM stays the definition. `flatten` reads a GTSAM factor graph into plain arrays, `energy` and
 `residuals` compute from them what GTSAM's ``error()`` and whitened errors are, to rounding. A
 point is the same tangent vector xi about the MAP as everywhere (`likelihood.LocalLikelihood`).
+More than 300 lines, for every kind of factor is read, evaluated and dispatched in one place.
 """
 
 import math
