@@ -61,7 +61,7 @@ def chi_square(
     ----------
     poses, landmarks : (T, 3) and (K, 2), the optimum that the residuals are taken at, [m, m,
         rad] and [m]; a NaN landmark is absent, with all its ranges
-    covariance : the joint marginals there, see `chain`
+    covariance : the joint marginals there, see `selected_inverse`
 
     Source: Cook & Weisberg, Residuals and Influence in Regression, 1982, section 2.1 (leverage);
     Rao & Mitra, Generalized Inverse of Matrices, 1971, section 9.2 (the law of q).

@@ -58,7 +58,7 @@ def disagreement_sigmas(
     Parameters
     ----------
     poses, reference : (T, 3), the plain and the robust estimate, [m, m, rad]
-    covariance : of the reference, see `chain`
+    covariance : of the reference, see `selected_inverse`
     """
     offset = (poses - reference)[:, :2]
     distance = np.linalg.norm(offset, axis=1)

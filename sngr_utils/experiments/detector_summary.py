@@ -1,4 +1,4 @@
-"""The windows of `detection_study` summed up: ranking, decisions, false positives.
+"""The windows of `detector_scores` summed up: ranking, decisions, false positives.
 
 Each summary goes group by group of worlds of one kind (scenario and case) and detector by
 detector; every interval draws whole worlds.

@@ -1,6 +1,6 @@
 """What the online estimator holds: the data so far, the graph, and what each range is credited to.
 
-Nothing is decided here. `odometry_doubt`, `landmark_start` and `online` decide.
+Nothing is decided here. `slips`, `landmarks` and `estimator` decide.
 """
 
 from collections import Counter

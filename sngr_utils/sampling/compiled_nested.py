@@ -3,7 +3,7 @@
 Points are z ~ N(0, I) in R^d, with xi = L z and L L^T = c Sigma_w (`prior_transform`). The
 algorithm is Skilling's; new points come from random walks whose steps are differences of two
 live points, as in differential evolution. The likelihood is that of `compiled.Factors`, or of any
-other tuple of arrays that `evaluate` has been taught (`window_target`).
+other tuple of arrays that `evaluate` has been taught (`ambiguous_window`).
 """
 
 import math

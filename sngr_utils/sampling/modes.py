@@ -1,7 +1,7 @@
 """The modes of a small posterior by optimisation from many starts.
 
 `importance` does the same for windows whose factors are GTSAM's; here the posterior is that of
-`landmark_target` or `window_target`.
+`targets.landmark` or `targets.ambiguous_window`.
 """
 
 from dataclasses import dataclass

@@ -30,7 +30,7 @@ LEAST_SQUARES = Loss(SQUARED, 1.0)
 
 @compile_once
 def rho(loss, r):
-    """Loss of a residual r in sigmas, r^2 / 2 at small r. Sources: see `robust.METHODS`."""
+    """Loss of a residual r in sigmas, r^2 / 2 at small r. Sources: see `losses.METHODS`."""
     c, square = loss.constant, r * r
     if loss.kind == HUBER and abs(r) > c:
         return c * (abs(r) - 0.5 * c)
