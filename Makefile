@@ -137,7 +137,7 @@ mutants: setup
 
 lint: setup
 	@$(PY) -m ruff check . && $(PY) -m ruff format --check .
-	@.venv/bin/lint-imports --no-cache > build/imports.log || { cat build/imports.log; exit 1; }
+	@mkdir -p build && .venv/bin/lint-imports --no-cache > build/imports.log || { cat build/imports.log; exit 1; }
 
 lock:
 	@command -v uv > /dev/null || { echo 'make lock needs uv on the PATH' >&2; exit 1; }
