@@ -417,6 +417,8 @@ def test_a_claim_about_one_value_shows_it():
     assert judged(entry, {"x": value(0.02)}).verdict == "not reproduced"
     assert judged(entry, {"x": value(12345.6)}).ours == "1.23e+04"
     assert judged(entry, {"x": value(None)}).verdict == "not reproduced"
+    other = prose(rule="value", share=None, ours="{preset}.x", at_least=1.0)
+    assert judged(other, {"A.x": value(0.0), "C.x": value(1.0)}).verdict == "reproduced"
 
 
 def test_a_contradiction_is_named_where_a_claim_rests_on_it():
