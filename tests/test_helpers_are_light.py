@@ -8,20 +8,31 @@ import sys
 
 import pytest
 
-HEAVY = {"gtsam", "numba", "papermill", "matplotlib", "dynesty"}
-LIGHT = ["bimodal", "trigger_sweep", "full_sngr", "cost"]  # of the nine helpers
-SHOWN = ["style", "common", *LIGHT]
+from sngr_utils import paths
+
+HEAVY = {"gtsam", "numba", "papermill", "matplotlib", "dynesty", "pandas", "scipy", "joblib"}
+SHOWN = ["bimodal", "trigger_sweep", "full_sngr", "cost", "style", "common"]
+LINES = dict.fromkeys(
+    ["trigger_sweep", "full_sngr", "cost", "audit", "triggers", "peers", "association_aware",
+     "multimodal"], 150,
+) | {"bimodal": 200}  # fmt: skip
 
 
 def loaded(modules: list[str], watched: set[str]) -> set[str]:
     """Which of `watched` are loaded once a fresh Python has imported `modules`."""
-    code = f"import sys, {', '.join(modules)}; print(*({watched!r} & set(sys.modules)))"
+    built = "; ".join(f"getattr({name}, 'Config', int)()" for name in modules)
+    code = f"import sys, {', '.join(modules)}; {built}; print(*({watched!r} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     return set(done.stdout.split())
 
 
-def test_helpers_load_nothing_heavy():
-    assert loaded([f"sngr_utils.{stem}" for stem in LIGHT], HEAVY) == set()
+@pytest.mark.parametrize("stem", LINES)
+def test_a_helper_fits_on_two_pages(stem):
+    assert len((paths.PACKAGE / f"{stem}.py").read_text().splitlines()) <= LINES[stem]
+
+
+def test_helpers_and_their_parameters_load_nothing_heavy():
+    assert loaded([f"sngr_utils.{stem}" for stem in LINES], HEAVY) == set()
 
 
 def test_what_is_shown_needs_no_gtsam():
