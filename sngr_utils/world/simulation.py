@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sngr_utils.world.dead_reckoning import relative_motion, wrap_angle
+from sngr_utils.world.log import Log
 from sngr_utils.world.scenario import Scenario
 from sngr_utils.world.wrong_associations import wrong_associations
 
@@ -49,6 +50,20 @@ class World:
     @property
     def n_landmarks(self) -> int:
         return len(self.landmarks)
+
+    def log(self, x0_sigmas: list[float]) -> Log:
+        """What an estimator may know of it, with the prior on the first pose [m, m, rad]."""
+        return Log(
+            odometry=self.odometry,
+            odometry_covariances=np.diag(self.scenario.odometry_sigmas**2),
+            pose_of=self.pose_of,
+            ranges=self.ranges,
+            range_sigmas=self.scenario.range_sigma,
+            label_of=self.label_of,
+            n_landmarks=self.n_landmarks,
+            x0_mean=self.x0_mean,
+            x0_sigmas=x0_sigmas,
+        )
 
     def keep(self, marked: np.ndarray) -> "World":
         """The same world with the (M,) marked ranges only."""

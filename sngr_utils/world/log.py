@@ -1,0 +1,249 @@
+"""The log of a run: all that an estimator may know, checked at the door.
+
+What happened in truth (`simulation.World`) is another object: who estimates takes a log, who
+judges takes both.
+"""
+
+import warnings
+from dataclasses import dataclass, fields
+from typing import Self
+
+import numpy as np
+
+NO_LABEL = -1
+SYMMETRIC = 1e-9  # of the largest entry, a difference of mirror images that is rounding
+
+
+class LogWarning(UserWarning):
+    """What is odd in a log, and usable."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Log:
+    """Odometry and ranges of one robot in the plane. T poses, M ranges, K landmarks.
+
+    Lists serve as arrays. Ranges are sorted by their pose (those of one pose keep their order),
+    and `row_of` says which row of the given ones each was.
+
+    Attributes
+    ----------
+    odometry : (T-1, 3) measured motion from pose t to t+1 in the body frame of t, [m, m, rad]
+    odometry_covariances : (T-1, 3, 3) of each step in that frame, or one (3, 3) of all
+    pose_of : (M,) int, pose of each range
+    ranges : (M,), [m]
+    range_sigmas : (M,), or one of all, [m]
+    label_of : (M,) int, landmark each range says it is from (perhaps wrongly), -1 for no label
+    n_landmarks : K; landmarks are 0 ... K-1
+    x0_mean, x0_sigmas : (3,) prior on pose 0, sigmas in its body frame, [m, m, rad]
+    times : (T,) of the poses, not decreasing, [s]; None for the pose's number
+    label_probabilities : (M, K) of each range over the landmarks, rows that sum to at most one
+        (the rest is for none of them); None if the labels are all that is known
+    n_landmarks_known : False if K is an upper bound only
+    landmark_means, landmark_sigmas : (K, 2) and (K,) of surveyed landmarks, NaN for the others, [m]
+    scale, offset : mean and sigma of what multiplies a distance, and of what is added to it [m],
+        to give a range; a sigma of 0 for one that is known, infinite for one without a prior
+    row_of : (M,) int, row in which each range was given
+
+    Raises
+    ------
+    ValueError : naming field and row: a shape that does not fit, an index out of bounds, what is
+        not finite, a range, sigma or variance that is not positive, a time that goes back
+
+    Warns
+    -----
+    LogWarning : landmarks that no label names
+    """
+
+    odometry: np.ndarray
+    odometry_covariances: np.ndarray
+    pose_of: np.ndarray
+    ranges: np.ndarray
+    range_sigmas: np.ndarray
+    label_of: np.ndarray
+    n_landmarks: int
+    x0_mean: np.ndarray
+    x0_sigmas: np.ndarray
+    times: np.ndarray | None = None
+    label_probabilities: np.ndarray | None = None
+    n_landmarks_known: bool = True
+    landmark_means: np.ndarray | None = None
+    landmark_sigmas: np.ndarray | None = None
+    scale: tuple[float, float] = (1.0, 0.0)
+    offset: tuple[float, float] = (0.0, 0.0)
+    row_of: np.ndarray | None = None
+
+    @property
+    def n_poses(self) -> int:
+        return len(self.odometry) + 1
+
+    def __post_init__(self) -> None:
+        for name, value in {**_poses(self), **_landmarks(self), **_ranges(self)}.items():
+            object.__setattr__(self, name, value)
+        _check_calibration("scale", self.scale, np.nextafter(0, 1))
+        _check_calibration("offset", self.offset, -np.inf)
+        _warn(self)
+
+    def keep(self, marked: np.ndarray) -> Self:
+        """The same log with the (M,) marked ranges only."""
+        return self._with(**{name: getattr(self, name)[marked] for name in self._per_range()})
+
+    def first(self, n: int) -> Self:
+        """The first n poses, with their odometry and ranges."""
+        ends = np.searchsorted(self.pose_of, n)
+        return self._with(
+            **{name: getattr(self, name)[:ends] for name in self._per_range()},
+            odometry=self.odometry[: n - 1],
+            odometry_covariances=self.odometry_covariances[: n - 1],
+            times=self.times[:n],
+        )
+
+    def _per_range(self) -> list[str]:
+        names = ["pose_of", "ranges", "range_sigmas", "label_of", "row_of"]
+        return names + ["label_probabilities"] * (self.label_probabilities is not None)
+
+    def _with(self, **changed) -> Self:
+        """A part of this log, which needs no second check."""
+        part = object.__new__(type(self))
+        for field in fields(self):
+            object.__setattr__(part, field.name, changed.get(field.name, getattr(self, field.name)))
+        return part
+
+
+# --- the checks -----------------------------------------------------------------------------
+
+
+def _poses(log: Log) -> dict:
+    """The fields of poses and odometry."""
+    steps = _count("odometry", log.odometry)
+    odometry = _array("odometry", log.odometry, (steps, 3))
+    covariances = _array("odometry_covariances", log.odometry_covariances, (steps, 3, 3))
+    skew = np.abs(covariances - covariances.swapaxes(1, 2)).max(axis=(1, 2), initial=0.0)
+    largest = np.abs(covariances).max(axis=(1, 2), initial=0.0)
+    least = np.linalg.eigvalsh(covariances)[:, 0] if steps else np.empty(0)
+    _refuse(
+        "odometry_covariances", covariances, (skew > SYMMETRIC * largest) | ~(least > 0),
+        "it must be symmetric and positive definite",
+    )  # fmt: skip
+    times = (
+        np.arange(steps + 1.0) if log.times is None else _array("times", log.times, (steps + 1,))
+    )
+    back = np.append(False, np.diff(times) < 0)
+    _refuse("times", times, back, "time must not go back")
+    return {
+        "odometry": odometry,
+        "odometry_covariances": covariances,
+        "times": times,
+        "x0_mean": _array("x0_mean", log.x0_mean, (3,)),
+        "x0_sigmas": _positive("x0_sigmas", log.x0_sigmas, (3,)),
+    }
+
+
+def _landmarks(log: Log) -> dict:
+    """The number of landmarks, and what a survey says of them."""
+    if not isinstance(log.n_landmarks, int | np.integer) or isinstance(log.n_landmarks, bool):
+        raise ValueError(f"n_landmarks is {log.n_landmarks!r}: it must be an integer")
+    k = int(log.n_landmarks)
+    if k < 0:
+        raise ValueError(f"n_landmarks is {k}: it must be zero or more")
+    if (log.landmark_means is None) != (log.landmark_sigmas is None):
+        raise ValueError("landmark_means and landmark_sigmas: give both or none")
+    if log.landmark_means is None:
+        return {
+            "n_landmarks": k,
+            "landmark_means": np.full((k, 2), np.nan),
+            "landmark_sigmas": np.full(k, np.nan),
+        }
+    means = _floats("landmark_means", log.landmark_means, (k, 2))
+    sigmas = _floats("landmark_sigmas", log.landmark_sigmas, (k,))
+    surveyed = np.isfinite(means).all(axis=1) & np.isfinite(sigmas) & (sigmas > 0)
+    unknown = np.isnan(means).all(axis=1) & np.isnan(sigmas)
+    bad = ~(surveyed | unknown)
+    _refuse("landmark_means", means, bad, "give a finite mean and a positive sigma, or NaN for all")
+    return {"n_landmarks": k, "landmark_means": means, "landmark_sigmas": sigmas}
+
+
+def _ranges(log: Log) -> dict:
+    """The fields of ranges, in the order of their poses."""
+    m, steps, k = _count("ranges", log.ranges), len(log.odometry), int(log.n_landmarks)
+    found = {
+        "pose_of": _index("pose_of", log.pose_of, m, 0, steps),
+        "ranges": _positive("ranges", log.ranges, (m,)),
+        "range_sigmas": _positive("range_sigmas", log.range_sigmas, (m,)),
+        "label_of": _index("label_of", log.label_of, m, NO_LABEL, k - 1),
+        "row_of": np.arange(m) if log.row_of is None else _index("row_of", log.row_of, m, 0, None),
+    }
+    if log.label_probabilities is not None:
+        chances = _array("label_probabilities", log.label_probabilities, (m, k))
+        bad = (chances < 0).any(axis=1) | (chances.sum(axis=1) > 1 + 1e-9)
+        _refuse("label_probabilities", chances, bad, "chances from 0 to 1 that sum to at most 1")
+        found["label_probabilities"] = chances
+    order = np.argsort(found["pose_of"], kind="stable")
+    return {name: value[order] for name, value in found.items()}
+
+
+def _count(name: str, value) -> int:
+    if np.ndim(_numbers(name, value)) == 0:
+        raise ValueError(f"{name} is {value!r}: it must have a row each")
+    return len(value)
+
+
+def _numbers(name: str, value) -> np.ndarray:
+    try:
+        return np.asarray(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must hold numbers: {error}") from None
+
+
+def _floats(name: str, value, shape: tuple[int, ...]) -> np.ndarray:
+    """A copy as floats of this shape; where the first axis is missing, repeated along it."""
+    array = _numbers(name, value)
+    if array.size == 0 and 0 in shape:
+        return np.empty(shape)
+    if array.shape not in (shape, shape[1:]):
+        raise ValueError(f"{name} has shape {array.shape}: it must be {shape}")
+    return np.array(np.broadcast_to(array, shape))
+
+
+def _array(name: str, value, shape: tuple[int, ...]) -> np.ndarray:
+    array = _floats(name, value, shape)
+    bad = ~np.isfinite(array).all(axis=tuple(range(1, array.ndim)))
+    _refuse(name, array, bad, "it must be finite")
+    return array
+
+
+def _positive(name: str, value, shape: tuple[int, ...]) -> np.ndarray:
+    array = _array(name, value, shape)
+    _refuse(name, array, ~(array > 0), "it must be positive")
+    return array
+
+
+def _index(name: str, value, count: int, least: int, most: int | None) -> np.ndarray:
+    index = _array(name, value, (count,))
+    if np.shape(value) != (count,):
+        raise ValueError(f"{name} has shape {np.shape(value)}: it must be {(count,)}")
+    _refuse(name, index, index % 1 != 0, "it must be an integer")
+    bad = (index < least) | (index > (np.inf if most is None else most))
+    _refuse(name, index, bad, f"it must be from {least} to {most}")
+    return index.astype(np.int64)
+
+
+def _refuse(name: str, array: np.ndarray, bad: np.ndarray, why: str) -> None:
+    if np.any(bad):
+        row = int(np.argmax(bad))
+        raise ValueError(f"{name}[{row}] is {np.array2string(array[row])}: {why}")
+
+
+def _check_calibration(name: str, value: tuple[float, float], least: float) -> None:
+    if np.shape(value) != (2,):
+        raise ValueError(f"{name} is {value!r}: it must be a mean and a sigma")
+    mean, sigma = _floats(name, value, (2,))
+    if not (np.isfinite(mean) and mean >= least and sigma >= 0):
+        raise ValueError(f"{name} is {value}: a finite mean and a sigma of zero or more")
+
+
+def _warn(log: Log) -> None:
+    named = np.bincount(log.label_of[log.label_of >= 0], minlength=log.n_landmarks)
+    labelled = (log.label_of != NO_LABEL).any() and log.label_probabilities is None
+    unseen = np.flatnonzero(named == 0)
+    if labelled and len(unseen):
+        warnings.warn(f"landmarks {list(map(int, unseen))} have no range", LogWarning, stacklevel=4)

@@ -1,0 +1,115 @@
+"""What an estimator may know, checked at the door."""
+
+import numpy as np
+import pytest
+
+from sngr_utils.world.log import Log, LogWarning
+from sngr_utils.world.scenario import Scenario
+from sngr_utils.world.simulation import simulate
+
+GOOD = {
+    "odometry": [[1, 0, 0], [1, 0, 0.1]],
+    "odometry_covariances": np.diag([0.01, 0.01, 1e-4]),
+    "pose_of": [0, 1, 2, 2],
+    "ranges": [1.0, 2.0, 3.0, 4.0],
+    "range_sigmas": 0.1,
+    "label_of": [0, 1, -1, 0],
+    "n_landmarks": 2,
+    "x0_mean": [0, 0, 0],
+    "x0_sigmas": [0.1, 0.1, 0.05],
+}
+
+
+def with_row(name, row, value):
+    """The good field as an array with one row replaced."""
+    array = np.array(getattr(Log(**GOOD), name), dtype=float)
+    array[row] = value
+    return {name: array}
+
+
+def test_lists_serve_as_arrays_and_one_sigma_serves_all():
+    log = Log(**GOOD)
+    assert log.n_poses == 3
+    assert log.odometry.shape == (2, 3)
+    assert log.odometry_covariances.shape == (2, 3, 3)
+    assert log.range_sigmas.tolist() == [0.1] * 4
+    assert log.times.tolist() == [0, 1, 2]
+    assert log.pose_of.dtype == np.int64
+
+
+BAD = [
+    (with_row("ranges", 2, np.nan), r"ranges\[2\]"),
+    (with_row("ranges", 1, 0.0), r"ranges\[1\]"),
+    (with_row("ranges", 3, -2.0), r"ranges\[3\]"),
+    (with_row("ranges", 3, np.inf), r"ranges\[3\]"),
+    (with_row("range_sigmas", 1, 0.0), r"range_sigmas\[1\]"),
+    (with_row("odometry", 1, np.inf), r"odometry\[1\]"),
+    (with_row("odometry_covariances", 1, -np.eye(3)), r"odometry_covariances\[1\]"),
+    (with_row("odometry_covariances", 0, np.eye(3) + np.eye(3, k=1)), r"covariances\[0\]"),
+    (with_row("pose_of", 3, 3), r"pose_of\[3\]"),
+    (with_row("pose_of", 0, -1), r"pose_of\[0\]"),
+    (with_row("label_of", 2, 2), r"label_of\[2\]"),
+    (with_row("label_of", 2, 0.5), r"label_of\[2\]"),
+    (with_row("label_of", 1, -2), r"label_of\[1\]"),
+    ({"pose_of": [0, 1]}, "pose_of has shape"),
+    ({"label_of": 0}, "label_of has shape"),
+    ({"odometry": [[1, 0], [1, 0]]}, "odometry has shape"),
+    ({"odometry": [[1, 0, 0], [1, 0]]}, "odometry must hold numbers"),
+    ({"ranges": ["a", 1, 1, 1]}, "ranges must hold numbers"),
+    ({"ranges": 1.0}, "ranges is 1.0"),
+    ({"n_landmarks": 1}, r"label_of\[1\]"),
+    ({"n_landmarks": 2.5}, "n_landmarks"),
+    ({"n_landmarks": -1}, "n_landmarks"),
+    ({"x0_sigmas": [0.1, 0.1, 0.0]}, r"x0_sigmas\[2\]"),
+    ({"times": [0, 2, 1]}, r"times\[2\]"),
+    ({"label_probabilities": np.full((4, 2), 0.6)}, r"label_probabilities\[0\]"),
+    ({"landmark_means": np.zeros((2, 2))}, "landmark_means and landmark_sigmas"),
+    ({"landmark_means": np.zeros((2, 2)), "landmark_sigmas": [1, np.nan]}, r"landmark_means\[1\]"),
+    ({"scale": (0.0, 0.1)}, "scale"),
+    ({"offset": (0.0, -0.1)}, "offset"),
+    ({"offset": 1.0}, "offset"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("changes", "named"), BAD, ids=[named for _, named in BAD])
+def test_what_must_be_refused_is_refused_by_field_and_row(changes, named):
+    with pytest.raises(ValueError, match=named):
+        Log(**{**GOOD, **changes})
+
+
+def test_unsorted_ranges_are_sorted_by_pose_and_know_their_row():
+    log = Log(**{**GOOD, "pose_of": [2, 0, 1, 0], "label_of": [0, 1, 0, 1]})
+    assert log.pose_of.tolist() == [0, 0, 1, 2]
+    assert log.row_of.tolist() == [1, 3, 2, 0]
+    assert log.ranges.tolist() == [2, 4, 3, 1]
+    assert log.label_of.tolist() == [1, 1, 0, 0]
+
+
+def test_a_landmark_without_a_range_is_a_warning():
+    with pytest.warns(LogWarning, match=r"landmarks \[2\] have no range"):
+        Log(**{**GOOD, "n_landmarks": 3})
+
+
+def test_one_pose_no_ranges_and_no_landmark_is_a_log():
+    log = Log(**{
+        **GOOD,
+        "odometry": [],
+        "pose_of": [],
+        "ranges": [],
+        "label_of": [],
+        "n_landmarks": 0,
+    })
+    assert log.n_poses == 1
+    assert log.odometry.shape == (0, 3)
+    assert len(log.ranges) == 0
+
+
+def test_parts_of_a_log():
+    world = simulate(Scenario(n_poses=10), 0.3, rng=np.random.default_rng(100))
+    log, part = world.log([0.1, 0.1, 0.05]), world.first(4)
+    assert np.array_equal(log.first(4).ranges, part.ranges)
+    assert np.array_equal(log.first(4).odometry, part.odometry)
+    assert len(log.first(4).times) == 4
+    marked = world.label_of == 2
+    assert np.array_equal(log.keep(marked).ranges, world.ranges[marked])
+    assert np.array_equal(log.keep(marked).row_of, np.flatnonzero(marked))
