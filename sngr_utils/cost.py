@@ -81,13 +81,19 @@ def _baseline(config: Config, p: float) -> Baseline:
     return run_baseline(config.part(Scenario), config.chosen, p, config.seed)
 
 
-def compare_engines(config: Config) -> dict[str, Performance]:
-    """All engines on the same windows of one world (`engine_bench.compare`)."""
+def compare_engines(config: Config, *, with_peers: bool = False) -> dict[str, Performance]:
+    """All engines on the same windows of one world (`engine_bench.compare`).
+
+    Parameters
+    ----------
+    with_peers : whether other people's samplers take part, those that are installed
+    """
     from sngr_utils.experiments import engine_bench
 
     base, rng = _baseline(config, config.bench_p), np.random.default_rng([config.seed, 4])
     settings, sizes = config.part(SamplerSettings), config.part(BenchSettings)
-    return engine_bench.compare(base, settings, sizes, rng=rng)
+    others = engine_bench.peers(base, settings) if with_peers else []
+    return engine_bench.compare(base, settings, sizes, others, rng=rng)
 
 
 def likelihood_seconds(config: Config) -> float:

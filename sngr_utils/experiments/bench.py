@@ -6,6 +6,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from sngr_utils.metrics.standard_error import standard_error
 from sngr_utils.settings import Checked, Probability
 
 
@@ -54,9 +55,19 @@ class Performance:
 
 # The sampler of the paper with GTSAM's factors one by one in a Python loop: all of the closure,
 # as the paper describes it, and those that touch the window. Ratios are to the second.
+MOST_BIAS, MOST_ERROR = 0.05, 0.012  # nats, of an engine's log Z, that a ratio may stand beside
 CLOSURE_LOOP, WINDOW_LOOP = "dynesty, loop over the closure", "dynesty, loop over the window"
 
 
 def ratio(performances: dict[str, Performance], name: str) -> float:
     """How many times faster than the loop over the window's factors."""
     return float(performances[WINDOW_LOOP].seconds.mean() / performances[name].seconds.mean())
+
+
+def comparable(performance: Performance) -> bool:
+    """Whether the 95 % interval of the bias of log Z lies within `MOST_BIAS`, and is narrow.
+
+    Only then is a ratio of times one between two ways of computing the same number.
+    """
+    bias, error = performance.errors.mean(), standard_error(performance.errors)
+    return bool(abs(bias) + 1.96 * error <= MOST_BIAS and error <= MOST_ERROR)

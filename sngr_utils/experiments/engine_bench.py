@@ -10,7 +10,13 @@ import numpy as np
 from gtsam.symbol_shorthand import L
 
 from sngr_utils.experiments.bench import CLOSURE_LOOP, WINDOW_LOOP, BenchSettings, Performance
-from sngr_utils.sampling import engines, importance, importance_diagnostics, weighted_samples
+from sngr_utils.sampling import (
+    engines,
+    importance,
+    importance_diagnostics,
+    peer_samplers,
+    weighted_samples,
+)  # fmt: skip
 from sngr_utils.sampling.settings import FastSettings, SamplerSettings
 from sngr_utils.sampling.targets import compiled
 from sngr_utils.sampling.targets.likelihood import LocalLikelihood
@@ -92,6 +98,28 @@ def contenders(base: Baseline, settings: SamplerSettings) -> list[Contender]:
     ]
 
 
+def peers(base: Baseline, settings: SamplerSettings) -> list[Contender]:
+    """Other people's samplers, those that are installed."""
+    window = refine.window_likelihood(
+        base.solution, trigger.FIRST_ELIGIBLE, settings.likelihood_factor
+    )
+    found = []
+    if peer_samplers.installed("nestle"):
+        found.append(Contender("nestle, one ellipsoid", settings, _nestle))
+    if peer_samplers.installed("blackjax"):
+        slices = peer_samplers.NestedSlice(engines.flattened(window), settings)
+
+        def sliced(likelihood, covariance, _settings, rng):
+            return slices(engines.flattened(likelihood), covariance, rng=rng)
+
+        found.append(Contender("blackjax, nested slice", settings, sliced, 10))
+    return found
+
+
+def _nestle(likelihood, covariance, settings, rng):
+    return peer_samplers.sample_nestle(engines.flattened(likelihood), covariance, settings, rng=rng)
+
+
 def timed(work: Callable[[], T]) -> tuple[T, float]:
     """The result of `work()` and the CPU time it took, [s]; on one thread, with no waiting."""
     start = time.process_time()
@@ -122,10 +150,11 @@ def compare(
     base: Baseline,
     settings: SamplerSettings,
     bench: BenchSettings,
+    others: list[Contender],
     *,
     rng: np.random.Generator,
 ) -> dict[str, Performance]:
-    """Run all contenders on the same windows, turn by turn, and measure each run."""
+    """Run all contenders, and `others`, on the same windows in turn, and measure each run."""
     chosen = spread_evenly(bench.bench_windows, len(base.covariances))
     likelihoods = [
         refine.window_likelihood(base.solution, t, settings.likelihood_factor) for t in chosen
@@ -134,7 +163,7 @@ def compare(
         reference(likelihood, base.covariances[t], settings, bench.reference_draws, rng=rng)
         for t, likelihood in zip(chosen, likelihoods, strict=True)
     ]
-    field = contenders(base, settings)
+    field = [*contenders(base, settings), *others]
     for contender in field[3:]:  # compile, or load what was compiled
         contender.sample(likelihoods[0], base.covariances[chosen[0]], contender.settings, rng)
     rows: dict[str, list] = {contender.name: [] for contender in field}
