@@ -9,7 +9,7 @@ import nbformat
 import numpy as np
 
 from sngr_utils import paths
-from sngr_utils.publish import parameters
+from sngr_utils.publish import claims, files, parameters
 from sngr_utils.sampling.targets import ambiguous_window, landmark
 from sngr_utils.slam import conventions
 from sngr_utils.world import simulation, variations
@@ -23,6 +23,23 @@ WEAK = Scenario(n_poses=3, odometry_sigma_xy=0.5, odometry_sigma_theta=0.1)
 def read_notebook(name):
     """A committed notebook, as nbformat has it."""
     return nbformat.read(paths.NOTEBOOKS / f"{name}.ipynb", as_version=4)
+
+
+def asked_keys():
+    """What the paper's text and the claims, under any preset, ask of the notebooks."""
+    text = (paths.PAPER / "sngr.tex").read_text(encoding="utf-8").split(r"\begin{document}")[1]
+    needed = {key for preset in conventions.PRESETS for key in claims.needed(preset)}
+    return needed | set(re.findall(r"\\res\{([^}]*)\}", text))
+
+
+def handed_on(to):
+    """What a report hands on, values and samples and wall clocks; nothing that nobody asks for."""
+    to.save()
+    found = {}
+    for path in to.output_dir.glob(f"{to.notebook}*.json"):
+        found |= files.entries(files.read_json(path))
+    assert found.keys() <= asked_keys(), sorted(found.keys() - asked_keys())
+    return found
 
 
 def anchors(distance=4.0, measured=3.0, sigma=0.2):

@@ -1,12 +1,12 @@
 import numpy as np
 import pandas as pd
 import pytest
-from helpers import read_notebook
+from helpers import handed_on, read_notebook
 from ruamel.yaml import YAML
 
 from sngr_utils import audit, paths
 from sngr_utils.experiments import isam2_over_worlds, sampler_numbers
-from sngr_utils.publish import cells, claims, files, notebooks, parameters, report
+from sngr_utils.publish import cells, claims, notebooks, parameters, report
 from sngr_utils.show import audit as show
 from sngr_utils.slam import conventions
 from sngr_utils.sngr import noop_baseline
@@ -34,8 +34,7 @@ def test_every_claim_gets_its_numbers(tmp_path):
     to = report.Report("05_audit", tmp_path)
     gaussian = audit.run_gaussian_ess(config)
     show.record(config, audit.run_sweep(config), audit.run_refined(config), gaussian, to)
-    to.save()
-    samples = files.read_json(tmp_path / "05_audit.json")["samples"]
+    samples = {key: entry for key, entry in handed_on(to).items() if "sample" in entry}
     assert all(len(entry["sample"]) == 2 for entry in samples.values())
     for preset in conventions.PRESETS:
         asked = {key for key in claims.needed(preset) if key.startswith("audit.")}
@@ -95,9 +94,9 @@ def test_tables_are_whole(small, sweep, studies):
 
 def test_interval_and_its_absence():
     row = pd.Series({"mean": 1.0, "low": 0.5, "high": 1.5, "n": 9, "missing": 0})
-    assert cells.interval(row) == "1.00 [0.50, 1.50]"
-    assert cells.interval(row.replace({0: 2})) == "1.00 [0.50, 1.50] (9)"
-    assert cells.interval(pd.Series({**row, "n": 4, "missing": 5})) == "1.00 (4)"
+    assert str(cells.interval(row)) == "1.00 [0.50, 1.50]"
+    assert str(cells.interval(row.replace({0: 2}))) == "1.00 [0.50, 1.50] (9)"
+    assert str(cells.interval(pd.Series({**row, "n": 4, "missing": 5}))) == "1.00 (4)"
     assert cells.interval(pd.Series({**row, "n": 0})) == "–"
 
 

@@ -3,6 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from helpers import handed_on
 
 from sngr_utils import bimodal, paths
 from sngr_utils.metrics import standard_error
@@ -107,12 +108,13 @@ def test_bimodal_moments(bimodal_result):
 
 
 def test_bimodal_tables_and_figures(bimodal_result, tmp_path):
-    table = show.comparison_table(bimodal_result)
+    table = show.comparison_table(bimodal_result).map(str)
     assert set(table["printed"]) >= {"−12.50", "12.49", "2.21", "0.62"}
     assert list(table["ours"])[2] == "−12.50"
-    assert show.hessian_table(bimodal_result.config)["smallest"][1].startswith("−")
+    assert str(show.hessian_table(bimodal_result.config)["smallest"][1]).startswith("−")
     to = report.Report("x", tmp_path)
     show.record(bimodal_result, to)
+    handed_on(to)
     config = bimodal_result.config
     fig, axes = plt.subplots(1, 6, figsize=(2 * 6, 2.5))
     show.draw_circles(axes[0], config.anchors, 3.0, {"modes": config.modes})

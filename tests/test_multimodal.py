@@ -4,11 +4,12 @@ import joblib
 import numpy as np
 import pandas as pd
 import pytest
-from helpers import signatures
+from helpers import handed_on, signatures
 
 from sngr_utils import multimodal
 from sngr_utils.detection import mirror_image
 from sngr_utils.experiments import multimodality, sampler_contest
+from sngr_utils.publish import report
 from sngr_utils.show import multimodal as show
 
 QUICK = multimodal.Config(
@@ -80,7 +81,7 @@ def test_the_window_score_is_that_of_the_poses():
     assert turned == pytest.approx(0.1 * np.sqrt([1, 2, 3]), rel=1e-5)
 
 
-def test_every_case_is_counted_once_and_every_method_judged(landmarks):
+def test_every_case_is_counted_once_and_every_method_judged(landmarks, tmp_path):
     found = multimodal.run_windows(QUICK)
     rows = show.detection_rows(QUICK, landmarks, found)
     counted = rows[["found", "missed", "false", "silent"]].sum(axis=1)
@@ -90,6 +91,10 @@ def test_every_case_is_counted_once_and_every_method_judged(landmarks):
     for case in ("landmark", "window", "two anchors, from the saddle"):
         assert set(runs.loc[runs["case"] == case, "method"]) == set(sampler_contest.METHODS)
     assert runs["mass_error"].between(0, 1).all()
+    paper = report.Report("09_multimodal", tmp_path)
+    show.record(QUICK, landmarks, found, runs, paper)
+    show.record_strong(found, paper)
+    assert handed_on(paper)["multimodal.landmark.starts.within"]["n"] == 2
     assert list(show.summary_table(runs)["method"]) == list(sampler_contest.METHODS)
     assert set(show.mass_errors(runs)) == {"landmark, few poses", "window"}
     narrow = runs.query("case == 'two anchors, from the mode' and method == 'c = 1'")

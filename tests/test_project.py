@@ -42,6 +42,14 @@ def test_every_folder_is_on_the_map():
     assert len(named) == len(set(named)) + 1  # `bimodal` ... heads the list of helpers
 
 
+def test_the_readme_names_every_notebook_and_every_folder():
+    text = paths.README.read_text(encoding="utf-8").split("## Where things are")[1]
+    linked = set(re.findall(r"\]\((\w+)(?:/[\w.]+)?\)", text))
+    assert {name.split("/")[0] for name in TRACKED if "/" in name and name[0] != "."} <= linked
+    for path in paths.NOTEBOOKS.glob("*.ipynb"):
+        assert f"[{path.stem}](notebooks/{path.name})" in text
+
+
 def test_long_modules_say_why():
     """Above 300 lines, in its docstring."""
     for path in FILES:

@@ -3,6 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from helpers import handed_on
 
 from sngr_utils import trigger_sweep
 from sngr_utils.publish import report
@@ -12,7 +13,7 @@ pytestmark = pytest.mark.usefixtures("house_style")
 
 
 def test_tau_table_prints_the_paper_beside_every_preset(paper_presets):
-    table = show.tau_table(paper_presets)
+    table = show.tau_table(paper_presets).map(str)
     assert list(table["", ""]) == ["p = 0", "", "", "", "p = 0.3", "", "", ""]
     assert list(table["", "printed"]) == ["–", "0", "0", "0", "–", "21", "14", "8"]
     assert list(table["preset", "B"])[:4] == ["4", "0", "0", "0"]
@@ -73,16 +74,18 @@ def test_ranking_is_the_area_of_each_world_and_of_all(paper_sweep):
 def test_sweep_tables(paper_sweep, paper_presets, tmp_path):
     baseline_table = show.baseline_table(paper_presets)
     assert baseline_table.shape == (8 * 5, 6)
+    baseline_table = baseline_table.map(str)
     assert list(baseline_table["", "printed"])[:5] == ["0.15", "1.27", "1.64", "1.82", "4.14"]
     assert baseline_table["preset", "C"][10] == f"{paper_sweep.single(0.0).nees:.1f}"
-    clean = show.clean_table(paper_presets)
+    clean = show.clean_table(paper_presets).map(str)
     assert list(clean.columns.get_level_values(1)) == ["", "seed", "A", "B", "C"]
     assert clean["preset", "B"][10:].tolist() == ["0", "0", "0", "0", "1"]  # one false alarm
-    seeds = show.per_seed_table(paper_presets)
+    seeds = show.per_seed_table(paper_presets).map(str)
     assert list(seeds["", "printed"])[:5] == ["14", "8", "0", "10", "0"]
     assert show.ranking_table(paper_presets).shape == (2 * 5, 5)
     to = report.Report("x", tmp_path)
     show.record(paper_sweep, paper_presets, to)
+    handed_on(to)
     fig, axes = plt.subplots(1, 5, figsize=(2 * 5, 2.5))
     base = paper_sweep.single(0.3)
     show.draw_ranges(axes[0], base, 3)
@@ -103,7 +106,7 @@ def test_presets_share_the_data():
     assert presets["C"] is sweep
     worlds = [sweep.single(0.3).world for sweep in presets.values()]
     assert all(np.array_equal(w.ranges, worlds[0].ranges) for w in worlds)
-    table = show.baseline_table(presets)
+    table = show.baseline_table(presets).map(str)
     assert list(table["", "p"])[:2] == ["0", "0.3"]
     assert table["preset", "A"][2] == "–"  # one seed has no standard deviation
     changed = small.model_copy(update={"conventions": {"landmark_prior_sigma": 1.0}})

@@ -3,11 +3,12 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from helpers import handed_on
 
 from sngr_utils import paths, triggers
 from sngr_utils.detection import scores
 from sngr_utils.experiments import detector_study
-from sngr_utils.publish import files, parameters, report
+from sngr_utils.publish import parameters, report
 from sngr_utils.show import style
 from sngr_utils.show import triggers as show
 
@@ -62,11 +63,10 @@ def test_tables_and_what_is_handed_on(config, study, tmp_path):
     assert len(show.calibration_table(rows)) == 5
     to = report.Report("06_triggers", tmp_path)
     show.record(failed, wrong, decided, clean, to)
-    to.save()
-    values = files.read_json(tmp_path / "06_triggers.json")["values"]
-    for key in ("auc.failed.disagreement.all_p", "auc.contaminated.chi_square_robust.p0.2",
-                "base_rate.p0.2", "mcc.disagreement.burst_p0.6",
-                "level.chi_square_robust.radius_3_m"):  # fmt: skip
+    values = handed_on(to)
+    for key in ("auc.failed.disagreement.all_p", "auc.contaminated.chi_square_robust.all_p",
+                "mcc.condition.all_p", "level.failed.100_poses",
+                "level.condition.radius_3_m"):  # fmt: skip
         assert f"triggers.{key}" in values
 
 

@@ -6,13 +6,16 @@ import re
 import shutil
 from pathlib import Path
 
-NUMBER_LIST = re.compile(r"\[\s*(?:(?:-?[\d.]+(?:e[+-]?\d+)?|null),?\s*)+\]")
+NUMBER = r"(?:-?[\d.]+(?:e[+-]?\d+)?|null)"
+ON_ONE_LINE = re.compile(
+    rf'\[\s*(?:{NUMBER},?\s*)+\]|\{{\s*"value": {NUMBER},\s*"format": "[^"{{}}]*"\s*\}}'
+)
 
 
 def write_json(path: Path, content: dict) -> None:
-    """Write JSON that diffs well, with all digits; a list of numbers stays on one line."""
+    """Write JSON that diffs well, with all digits; lists of numbers and short entries on a line."""
     text = json.dumps(content, indent=1, ensure_ascii=False)
-    text = NUMBER_LIST.sub(lambda found: " ".join(found[0].split()), text)
+    text = ON_ONE_LINE.sub(lambda found: " ".join(found[0].split()), text)
     path.write_text(text + "\n", encoding="utf-8")
 
 

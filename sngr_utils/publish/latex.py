@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from sngr_utils.publish.cells import text
+from sngr_utils.publish.cells import from_json, text
 
 LATEX_CELL = str.maketrans({
     "±": r"$\pm$", "×": r"$\times$", "–": "--", "−": "$-$", "σ": r"$\sigma$", "τ": r"$\tau$",
@@ -55,14 +55,12 @@ def latex_table(table: dict) -> str:
     The first column is left-aligned and the others centred, unless the table says its "align".
     """
     columns = [tuple(cell.translate(LATEX_CELL) for cell in head) for head in table["columns"]]
-    rows = [[cell.translate(LATEX_CELL) for cell in row] for row in table["rows"]]
-    frame = pd.DataFrame(rows)
+    frame = pd.DataFrame([[from_json(cell) for cell in row] for row in table["rows"]], dtype=object)
     frame.columns = (
         pd.MultiIndex.from_tuples(columns)
         if len(columns[0]) > 1
         else pd.Index([head[0] for head in columns])
     )
     align = table.get("align", "l" + "c" * (len(columns) - 1))
-    return frame.style.hide(axis="index").to_latex(
-        hrules=True, multicol_align="c", column_format=align
-    )
+    shown = frame.style.format(lambda cell: str(cell).translate(LATEX_CELL)).hide(axis="index")
+    return shown.to_latex(hrules=True, multicol_align="c", column_format=align)

@@ -21,7 +21,7 @@ from ruamel.yaml import YAML
 
 from sngr_utils import paths
 from sngr_utils.metrics.standard_error import standard_error
-from sngr_utils.publish.cells import show
+from sngr_utils.publish import cells
 from sngr_utils.publish.files import write_json
 
 TIMING = "_timing"  # end of the name of a figure that shows wall clocks
@@ -110,11 +110,12 @@ class Report:
         self._results["samples"][key] = entry
 
     def table(self, name: str, frame: pd.DataFrame, timing: bool = False) -> HTML:
-        """Hand on a whole table of preformatted cells; returns it, for display."""
+        """Hand on a whole table, its numbers with all digits; returns it, for display."""
         columns = [list(c) if isinstance(c, tuple) else [c] for c in frame.columns]
-        entry = {"columns": columns, "rows": frame.astype(str).to_numpy().tolist()}
+        rows = [[cells.to_json(cell) for cell in row] for row in frame.to_numpy(dtype=object)]
+        entry = {"columns": columns, "rows": rows}
         (self._timings if timing else self._results)["tables"][name] = entry
-        return show(frame)
+        return cells.show(frame)
 
     def figure(self, fig: Figure, name: str, png: bool = False, timing: bool = False) -> None:
         """Save a figure as ``<notebook>_<name>.pdf``, and as PNG too if the README shows it.
@@ -152,11 +153,15 @@ def tolerance(entry: dict) -> dict:
 
 def _printed_digits(entry: dict) -> dict:
     """The tolerance of a value of which only the printed digits count."""
-    value, decimals = entry["value"], re.search(r"\.(\d)f", entry["format"])
+    value, printed = entry["value"], re.search(r"\.(\d)([fg%])", entry["format"])
     whole = value is None or float(value).is_integer()
-    if decimals is None or (decimals[1] == "0" and whole):
+    if printed is None or (printed[0] == ".0f" and whole):
         return {"kind": "exact", "size": 0}
-    return {"kind": "absolute", "size": 0.5 * 10.0 ** -int(decimals[1])}
+    decimals = int(printed[1])
+    if printed[2] == "g":  # significant digits
+        decimals -= 1 + (math.floor(math.log10(abs(value))) if value else 0)
+    decimals += 2 * (printed[2] == "%")
+    return {"kind": "absolute", "size": 0.5 * 10.0**-decimals}
 
 
 def _or_null(value: float) -> float | None:

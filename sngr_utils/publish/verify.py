@@ -1,7 +1,8 @@
 """Compare a re-run of everything with the committed reference, value by value.
 
 ``make verify`` runs all notebooks aside and calls ``compare``; ``make reference`` calls ``adopt``
-after a deliberate change. Each value brings its own tolerance (see `report.Report.value`).
+after a deliberate change. Each value brings its own tolerance (see `report.Report.value`); of a
+table's numbers the printed digits count.
 """
 
 import math
@@ -11,7 +12,7 @@ from pathlib import Path
 import pandas as pd
 
 from sngr_utils import paths
-from sngr_utils.publish import notebooks, report, results, verdict_tables
+from sngr_utils.publish import cells, notebooks, report, results, verdict_tables
 from sngr_utils.publish.files import entries, read_json, write_json
 
 
@@ -60,8 +61,10 @@ def compare_values(reference: dict[str, dict], now: dict[str, dict]) -> list[Com
 
 
 def _tolerance(entry: dict) -> dict:
-    """The one it declares; the printed digits where that counts standard errors and has none."""
-    declared = entry.get("tolerance", {"kind": "exact", "size": 0})
+    """The one it declares; the printed digits of a table's cell, and where there is no error."""
+    if "format" not in entry:
+        return {"kind": "exact", "size": 0}
+    declared = entry.get("tolerance") or report.tolerance(entry)
     if declared["kind"] == "standard errors" and not (entry.get("standard_error") or 0) > 0:
         return report.tolerance({**entry, "standard_error": None})
     return declared
@@ -92,11 +95,16 @@ def table(rows: list[Comparison]) -> str:
     return frame.to_string(index=False)
 
 
+def handed_on(result: dict) -> dict[str, dict]:
+    """All numbers in a notebook's JSON: those under a key of their own, and those of its tables."""
+    return {**entries(result), **cells.entries(result["tables"])}
+
+
 def compare(folder: Path) -> int:
     """Compare the results below `folder` with the reference, print the table, return breaches."""
     rows = []
     for name in notebooks.names():
-        now = entries(read_json(folder / name / f"{name}.json"))
+        now = handed_on(read_json(folder / name / f"{name}.json"))
         path = paths.REFERENCE / f"{name}.json"
         rows += compare_values(read_json(path) if path.exists() else {}, now)
     breaches = sum(not row.holds for row in rows)
@@ -115,7 +123,7 @@ def adopt() -> None:
     verdict_tables.write_record(found)
     paths.REFERENCE.mkdir(exist_ok=True)
     for name in notebooks.names():
-        for kind in ("", ".timings"):
+        for kind, gather in (("", handed_on), (".timings", entries)):
             source = paths.RESULTS / f"{name}{kind}.json"
             if source.exists() or not kind:
-                write_json(paths.REFERENCE / source.name, entries(read_json(source)))
+                write_json(paths.REFERENCE / source.name, gather(read_json(source)))

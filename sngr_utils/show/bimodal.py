@@ -15,7 +15,6 @@ from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
 from sngr_utils.metrics.bimodality import bimodality_coefficient
-from sngr_utils.metrics.standard_error import standard_error
 from sngr_utils.publish import cells, report
 from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
@@ -34,85 +33,69 @@ def hessian_table(config: Config) -> pd.DataFrame:
             ("full", config.full_hessian(at)),
         ):
             low, high = np.linalg.eigvalsh(hessian)
-            shown = [cells.text(low), cells.text(high)]
-            rows.append([name, kind, *shown, cells.text(np.log10(high / low)) if low > 0 else "–"])
+            condition = np.log10(high / low) if low > 0 else None
+            rows.append([name, kind, *map(cells.number, (low, high, condition))])
     return pd.DataFrame(rows, columns=["at", "Hessian", "smallest", "largest", "log10 cond."])
 
 
 def comparison_table(result: Result) -> pd.DataFrame:
     """tab:bimodal, printed value beside ours."""
-    printed, t = report.printed_values()["bimodal"], cells.text
+    printed = report.printed_values()["bimodal"]
 
-    def point(p):
-        return f"({t(p[0], '.3f')}, {t(p[1], '.3f')})"
+    def row(name, key, *ours, form="{:.2f}"):
+        was = printed[key] if len(ours) > 1 else [printed[key]]
+        return [name, cells.cell(form, *was), cells.cell(form, *ours)]
 
-    def row(name, key, ours, fmt=".2f"):
-        return [name, t(printed[key], fmt), t(ours, fmt)]
-
+    point, distances = "({:.3f}, {:.3f})", map(result.mode_distance, (result.map, result.best))
     return pd.DataFrame(
         [
-            ["iSAM2 estimate [m]", point(printed["map"]), point(result.map)],
-            ["best nested sample [m]", point(printed["ns_best"]), point(result.best)],
+            row("iSAM2 estimate [m]", "map", *result.map, form=point),
+            row("best nested sample [m]", "ns_best", *result.best, form=point),
             row("log-likelihood, iSAM2", "loglik_map", result.loglik_map),
             row("log-likelihood, best sample", "loglik_ns", result.loglik_best),
             row("gain Δ log p", "delta_logp", result.delta_logp),
-            row("distance to a mode, iSAM2 [m]", "error_from_mode_map",
-                result.mode_distance(result.map), ".3f"),
-            row("distance to a mode, best [m]", "error_from_mode_ns",
-                result.mode_distance(result.best), ".3f"),
+            row("distance to a mode, iSAM2 [m]", "error_from_mode_map", next(distances),
+                form="{:.3f}"),
+            row("distance to a mode, best [m]", "error_from_mode_ns", next(distances),
+                form="{:.3f}"),
             row("weighted σ of y [m]", "weighted_sigma_y", result.sigma_y),
             row("bimodality coefficient", "bimodality_coefficient", result.bimodality),
             ["mass of the upper mode", cells.NONE,
-             f"{t(result.upper_mass)} ± {t(result.upper_mass_error)}"],
+             cells.with_error(result.upper_mass, result.upper_mass_error)],
             [f"same, mean of {len(result.upper_masses)} runs", cells.NONE,
-             f"{t(result.upper_masses.mean())} ± {t(standard_error(result.upper_masses))}"],
+             cells.mean_error(result.upper_masses)],
         ],
         columns=["quantity", "printed", "ours"],
     )  # fmt: skip
 
 
 def record(result: Result, to: report.Report) -> None:
-    """Hand the experiment's values to the paper."""
+    """Hand the experiment's values to the paper, and one number per repeated run to the claims."""
     for name, factor in (("as_printed", 0.5), ("correct", 1.0)):
         saddle = result.config.profile(np.array(0.0), factor)
         to.value(f"bimodal.loglik_saddle_{name}", saddle, unit="nats")
-    to.value("bimodal.delta_logp", result.delta_logp, unit="nats")
-    to.value("bimodal.sigma_y", result.sigma_y, unit="m", n=len(result.samples))
-    masses = result.upper_masses
     to.value("bimodal.upper_mass", result.upper_mass, error=result.upper_mass_error)
     to.value("bimodal.resampled_error", result.resampled_error)
-    to.value("bimodal.mass_spread", result.upper_mass_error, n=len(masses))
-    mean_error = standard_error(masses)
-    to.value("bimodal.mean_mass", masses.mean(), error=mean_error, n=len(masses))
-    to.value("bimodal.bimodality", result.bimodality, n=len(result.samples))
     printed_best = np.array(report.printed_values()["bimodal"]["ns_best"])
     to.value("bimodal.printed_distance", result.mode_distance(printed_best), ".4f", "m")
     for name, value in (("map_x", result.map[0]), ("map_y", result.map[1]),
                         ("map_distance", result.mode_distance(result.map))):  # fmt: skip
         to.value(f"bimodal.{name}", value, ".3f", "m")
-    for name, (values, unit) in repeated(result).items():
-        to.sample(f"bimodal.{name}", values, ".3f", unit)
-    to.value("bimodal.calls", result.run.calls, ".0f", within=0.05 * result.run.calls)
-
-
-def repeated(result: Result) -> dict[str, tuple[list[float], str]]:
-    """What a run reports, for each of the repeated runs: name -> ((n_repeats,) values, unit)."""
     bests = [result.map + run.best for run in result.runs]
+    to.sample("bimodal.best_x", [float(best[0]) for best in bests], ".3f", "m")
+    to.sample("bimodal.best_abs_y", [abs(float(best[1])) for best in bests], ".3f", "m")
+    to.sample("bimodal.best_distance", [result.mode_distance(best) for best in bests], ".3f", "m")
     loglik = [float(run.log_likelihoods.max()) for run in result.runs]
-    heights = [result.map[1] + run.samples[:, 1] for run in result.runs]
-    return {
-        "best_x": ([float(best[0]) for best in bests], "m"),
-        "best_abs_y": ([abs(float(best[1])) for best in bests], "m"),
-        "best_distance": ([result.mode_distance(best) for best in bests], "m"),
-        "loglik_best": (loglik, "nats"),
-        "gains": ([value - result.loglik_map for value in loglik], "nats"),
-        "sigmas_y": ([float(np.sqrt(run.covariance[1, 1])) for run in result.runs], "m"),
-        "bimodalities": (
-            [bimodality_coefficient(y, run.weights)
-             for y, run in zip(heights, result.runs, strict=True)], "",
-        ),
-        "upper_masses": (list(map(float, result.upper_masses)), ""),
-    }  # fmt: skip
+    to.sample("bimodal.loglik_best", loglik, ".3f", "nats")
+    to.sample("bimodal.gains", [value - result.loglik_map for value in loglik], ".3f", "nats")
+    sigmas = [float(np.sqrt(run.covariance[1, 1])) for run in result.runs]
+    to.sample("bimodal.sigmas_y", sigmas, ".3f", "m")
+    coefficients = [
+        bimodality_coefficient(result.map[1] + run.samples[:, 1], run.weights)
+        for run in result.runs
+    ]
+    to.sample("bimodal.bimodalities", coefficients, ".3f")
+    to.sample("bimodal.upper_masses", list(map(float, result.upper_masses)), ".3f")
 
 
 def draw_circles(ax: Axes, anchors: np.ndarray, radius: float, points: dict) -> None:

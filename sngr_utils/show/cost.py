@@ -21,16 +21,16 @@ if TYPE_CHECKING:
     from sngr_utils.experiments.growth import Growth
     from sngr_utils.experiments.refinement_cost import ClosureCost, Cost
 
+t = cells.number
+
 
 def two_mode_table(modes: dict[int, tuple[np.ndarray, np.ndarray]]) -> pd.DataFrame:
     """The fast path on the two-mode landmark of notebook 01, as `engine_bench.two_modes` ran it."""
     rows = []
     for n_starts, (masses, content) in modes.items():
         right, runs = np.abs(masses - 0.5) < 0.1, len(masses)
-        rows.append([
-            str(n_starts), f"{right.sum()} of {runs}", f"{(content & ~right).sum()} of {runs}",
-            cells.mean_std(masses),
-        ])  # fmt: skip
+        counts = (cells.cell("{:d} of {:d}", n.sum(), runs) for n in (right, content & ~right))
+        rows.append([n_starts, *counts, cells.mean_std(masses)])
     columns = ["starts", "right", "wrong, k-hat content", "mass of the upper mode"]
     return pd.DataFrame(rows, columns=columns)
 
@@ -83,9 +83,8 @@ def _costs(cost: Cost) -> dict[str, float]:
 def closure_table(costs: dict[float, Cost], closure: ClosureCost) -> pd.DataFrame:
     """Time per likelihood call, and per window if all its calls cost that much."""
     calls, seconds = per_window(costs)
-    t = cells.text
     rows = [
-        [name, str(n), t(1e6 * each, ".0f"), t(each / closure.seconds_window, ".1f"),
+        [name, n, t(1e6 * each, ".0f"), t(each / closure.seconds_window, ".1f"),
          t(calls * each), t(100 * calls * each / seconds, ".0f")]
         for name, n, each in (
             ("closure, one by one", closure.all_factors, closure.seconds_loop),
@@ -102,11 +101,11 @@ def calls_table(costs: dict[float, Cost]) -> pd.DataFrame:
     rows = [
         [
             f"{p:g}",
-            str(int(cost.fired.sum())),
-            cells.text(cost.exhaustive(cost.calls) / len(cost.calls), ".0f"),
-            cells.text(float(cost.calls[cost.fired].sum()), ".0f"),
-            cells.text(cost.exhaustive(cost.calls), ".0f"),
-            cells.text(cost.saving_calls, ".1f"),
+            int(cost.fired.sum()),
+            t(cost.exhaustive(cost.calls) / len(cost.calls), ".0f"),
+            t(float(cost.calls[cost.fired].sum()), ".0f"),
+            t(cost.exhaustive(cost.calls), ".0f"),
+            t(cost.saving_calls, ".1f"),
         ]
         for p, cost in costs.items()
     ]
@@ -134,7 +133,6 @@ def record(
         ("cost.window_over_isam2", seconds / isam2, ".0f"),
         ("cost.likelihood_share", 100 * in_likelihood, ".0f"),
         ("closure.loop_over_window", closure.seconds_loop / closure.seconds_window, ".0f"),
-        ("closure.all_over_window", closure.seconds_all / closure.seconds_window, ".1f"),
     ):
         to.value(key, value, fmt, timing=True)
     to.value("cost.isam2_seconds", isam2, ".3f", "s", timing=True)
@@ -147,15 +145,17 @@ def record_engines(
     to: report.Report,
 ) -> None:
     """Hand the comparison of the engines to the paper; `fast` is that of `exhaustive_fast`."""
-    keys = dict(zip(performances, (
+    names = dict(zip((
         "closure_loop", "window_loop", "one_call", "compiled_walk_few", "compiled_walk",
         "nested_few", "nested", "fast",
-    ), strict=True))  # fmt: skip
-    for name, key in keys.items():
-        p, faster = performances[name], ratio(performances, name)
+    ), performances, strict=True))  # fmt: skip
+    for key in ("closure_loop", "compiled_walk_few", "compiled_walk", "nested", "fast"):
+        faster = ratio(performances, names[key])
         to.value(f"engine.{key}.ratio", faster, ".1f" if faster < 10 else ".0f", timing=True)
-        error = standard_error.standard_error(p.errors)
-        to.value(f"engine.{key}.bias", p.errors.mean(), ".3f", "nats", error, len(p.errors))
+    for key in ("window_loop", "nested_few", "nested"):
+        errors = performances[names[key]].errors
+        error = standard_error.standard_error(errors)
+        to.value(f"engine.{key}.bias", errors.mean(), ".3f", "nats", error, len(errors))
     rms = float(np.sqrt(np.mean(performances["fast path"].errors ** 2)))
     to.value("engine.fast.rms", rms, ".3f", "nats", n=len(performances["fast path"].errors),
              within=0.005)  # fmt: skip
@@ -190,11 +190,11 @@ def speed_table(performances: dict[str, Performance], per_call: float) -> pd.Dat
         faster = ratio(performances, name)
         rows.append([
             name,
-            cells.text(faster, ".1f" if faster < 10 else ".0f"),
-            cells.text(1e3 * seconds, ".0f" if seconds > 0.05 else ".1f"),
-            cells.text(1e3 * calls * per_call, ".1f"),
-            cells.text(calls, ".0f"),
-            cells.text(p.ess.sum() / p.seconds.sum(), ".0f"),
+            t(faster, ".1f" if faster < 10 else ".0f"),
+            t(1e3 * seconds, ".0f" if seconds > 0.05 else ".1f"),
+            t(1e3 * calls * per_call, ".1f"),
+            t(calls, ".0f"),
+            t(p.ess.sum() / p.seconds.sum(), ".0f"),
         ])
     columns = ["engine", "ratio", "ms per window", "calls alone [ms]", "calls", "ESS per s"]
     return pd.DataFrame(rows, columns=columns)
@@ -213,14 +213,13 @@ def accuracy_table(performances: dict[str, Performance]) -> pd.DataFrame:
     """What each engine gets wrong: bias of log Z, spread, mean, variances."""
     rows = []
     for name, p in performances.items():
-        error = standard_error.standard_error(p.errors)
         rows.append([
             name,
-            str(len(p.errors)),
-            f"{cells.text(p.errors.mean(), '+.3f')} ± {cells.text(error, '.3f')}",
-            cells.text(float(np.sqrt(np.mean(p.errors**2))), ".3f"),
-            cells.text(float(np.sqrt(np.mean(p.mean_errors**2))), ".2f"),
-            cells.text(float(np.exp(np.mean(np.log(p.variance_ratios)))), ".2f"),
+            len(p.errors),
+            cells.mean_error(p.errors, "+.3f"),
+            t(float(np.sqrt(np.mean(p.errors**2))), ".3f"),
+            t(float(np.sqrt(np.mean(p.mean_errors**2))), ".2f"),
+            t(float(np.exp(np.mean(np.log(p.variance_ratios)))), ".2f"),
         ])
     columns = ["engine", "runs", "bias of log Z", "rms", "error of the mean", "variance ratio"]
     return pd.DataFrame(rows, columns=columns)
@@ -229,7 +228,7 @@ def accuracy_table(performances: dict[str, Performance]) -> pd.DataFrame:
 def growth_table(grown: Growth) -> pd.DataFrame:
     """CPU time at every length, and the fitted slope of each row."""
     rows = [
-        [name, *(cells.text(1e3 * s, ".3g") for s in seconds), cells.text(grown.slope(name))]
+        [name, *(t(1e3 * s, ".3g") for s in seconds), t(grown.slope(name))]
         for name, seconds in grown.seconds.items()
     ]
     return pd.DataFrame(rows, columns=["ms", *(f"{n:,}" for n in grown.lengths), "slope"])

@@ -55,7 +55,7 @@ def beside_printed(
         for i, level in enumerate(next(iter(ours.values()))):
             was = [] if printed is None else [printed.get(level, {}).get(key)]
             now = [levels[level].get(key) for levels in ours.values()]
-            shown = [cells.text(value, fmt) for value in [*was, *now]]
+            shown = [cells.number(value, fmt) for value in [*was, *now]]
             rows.append(["" if i else name, f"{level:g}", *shown])
     heads = [("", ""), ("", over), *([] if printed is None else [("", "printed")])]
     heads += [("preset", name) for name in ours]

@@ -147,23 +147,18 @@ def record(sweep: Sweep, presets: dict[str, Sweep], to: report.Report) -> None:
     to.value("sweep.n_seeds", len(config.seeds), ".0f")
     to.value("sweep.seed", config.seeds[0], ".0f")
     to.value("sweep.tau", config.tau)
-    clean_fired = [r.detection(config.tau).triggered for r in sweep.level(config.p_clean)]
-    to.value("sweep.clean_worlds_firing", np.count_nonzero(clean_fired), ".0f")
-    to.value("sweep.clean_most_fired", max(clean_fired), ".0f")
     most = [r.detection(config.tau).triggered for r in sweep.level(config.p_noisy)]
     to.value("sweep.noisy_most_fired", max(most), ".0f")
-    for role, p in roles(config).items():
+    levels = roles(config)
+    for role, p in levels.items():
         to.value(f"sweep.p_{role}", p, "g")
-        rmses = [run.pose_rmse for run in sweep.level(p)]
+    to.value("sweep.base_rate.noisy", sweep.single(config.p_noisy).base_rate)
+    for role in ("clean", "most"):
+        rmses = [run.pose_rmse for run in sweep.level(levels[role])]
         error = standard_error.standard_error(rmses)
         to.value(f"sweep.rmse.{role}", np.mean(rmses), unit="m", error=error, n=len(rmses))
-        single = sweep.single(p)
-        found = single.detection(config.tau)
-        to.value(f"sweep.nees.{role}", single.nees, ".1f")
-        to.value(f"sweep.triggered.{role}", found.triggered, ".0f")
-        to.value(f"sweep.failed.{role}", found.failed, ".0f")
-        to.value(f"sweep.base_rate.{role}", single.base_rate)
-        scores = pooled_scores(sweep, p)
+    for role in ("clean", "noisy", "most"):
+        scores = pooled_scores(sweep, levels[role])
         to.value(f"sweep.median_score.{role}", np.median(scores), n=len(scores))
 
 

@@ -7,13 +7,12 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from sngr_utils.detection import scores
-from sngr_utils.metrics import standard_error
 from sngr_utils.publish import report
-from sngr_utils.publish.cells import text
+from sngr_utils.publish.cells import Cell, cell, mean_error, number, with_interval
 from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
 
-t = text
+t = number
 
 NAMES = {
     "condition": "condition number",
@@ -28,10 +27,9 @@ NAMES = {
 }
 
 
-def interval(row: pd.Series, column: str, fmt: str = ".2f", scale: float = 1.0) -> str:
-    """ "value [low, high]"; without brackets where there is no interval."""
-    value, low, high = (scale * row[f"{column}{end}"] for end in ("", "_low", "_high"))
-    return t(value, fmt) if np.isnan(low) else f"{t(value, fmt)} [{t(low, fmt)}, {t(high, fmt)}]"
+def interval(row: pd.Series, column: str, fmt: str = ".2f", scale: float = 1.0) -> Cell:
+    """ "value [low, high]" of a column of a summary."""
+    return with_interval(*(scale * row[f"{column}{end}"] for end in ("", "_low", "_high")), fmt)
 
 
 def scores_table() -> pd.DataFrame:
@@ -62,11 +60,7 @@ def null_table(null: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for (scenario, preset), group in null.groupby(["scenario", "preset"], sort=False):
         by_estimate = group.groupby("estimate", sort=False)["fired"]
-        cells = [
-            f"{t(100 * x.mean(), '.1f')} ± {t(100 * standard_error.standard_error(x), '.1f')}"
-            for _, x in by_estimate
-        ]
-        rows.append([scenario, preset, *cells])
+        rows.append([scenario, preset, *(mean_error(100 * x, ".1f") for _, x in by_estimate)])
     heads = ["clean scenario", "preset", "as iSAM2 leaves it [%]", "settled by batch [%]"]
     return pd.DataFrame(rows, columns=heads)
 
@@ -77,8 +71,8 @@ def calibration_table(found: pd.DataFrame) -> pd.DataFrame:
         [
             NAMES[row["detector"]],
             t(row["threshold"], ".3g"),
-            f"{t(row['low'], '.3g')} to {t(row['high'], '.3g')}",
-            f"{t(row['worlds_low'], '.3g')} to {t(row['worlds_high'], '.3g')}",
+            cell("{:.3g} to {:.3g}", row["low"], row["high"]),
+            cell("{:.3g} to {:.3g}", row["worlds_low"], row["worlds_high"]),
         ]
         for _, row in found.iterrows()
     ]
@@ -112,8 +106,8 @@ def summary_table(
     rows = []
     for name in scores.SCORES:
         auc, contamination, mcc = (t(column[name]) for column in found)
-        least, most = (t(levels.loc[name, end], ".0f") for end in ("min", "max"))
-        rows.append([NAMES[name], auc, t(bursts[name]), contamination, mcc, f"{least} to {most}"])
+        alarms = cell("{:.0f} to {:.0f}", *levels.loc[name])
+        rows.append([NAMES[name], auc, t(bursts[name]), contamination, mcc, alarms])
     heads = ["score", "AUC failed", "in bursts", "AUC wrong labels", "MCC failed",
              "false alarms [%]"]  # fmt: skip
     return pd.DataFrame(rows, columns=heads)
@@ -248,31 +242,40 @@ def draw_aucs(ax: Axes, series: dict[str, tuple], title: str, legend: bool) -> N
         legend_above(ax, ncols=2)
 
 
+# What the paper's text quotes: case or scenario -> detectors.
+QUOTED = {
+    "auc.failed": {
+        "all p": ("condition", "chi_square", "either", "disagreement"),
+        "p = 0.05": ("disagreement", "oracle"),
+    },
+    "auc.contaminated": {"all p": ("condition", "chi_square", "chi_square_robust")},
+    "mcc": {"all p": ("condition", "disagreement")},
+    "level": {
+        "radius 3 m": ("condition",), "radius 10 m": ("condition",), "100 poses": ("chi_square",)
+    },
+}  # fmt: skip
+
+
 def record(
     failed: pd.DataFrame, contaminated: pd.DataFrame, decided: pd.DataFrame,
     clean: pd.DataFrame, to: report.Report,
 ) -> None:  # fmt: skip
     """Hand on what the paper's text quotes. Standard errors are those of the intervals."""
-
-    def value(key, row, column, fmt):
-        error = (row[f"{column}_high"] - row[f"{column}_low"]) / (2 * 1.96)
-        to.value(key, row[column], fmt, "", error, int(row["worlds"]))
-
-    for name, table in (("failed", failed), ("contaminated", contaminated)):
-        for _, row in table.iterrows():
-            here = f"{row['detector']}.{slug(row['case'])}"
-            value(f"triggers.auc.{name}.{here}", row, "auc", ".2f")
-    for case, rows in failed.groupby("case", sort=False):
-        to.value(f"triggers.base_rate.{slug(case)}", rows["base_rate"].iloc[0], ".2f", within=0.02)
-    for _, row in decided.iterrows():
-        value(f"triggers.mcc.{row['detector']}.{slug(row['case'])}", row, "mcc", ".2f")
     percent = clean.assign(**{c: 100 * clean[c] for c in ("fired", "fired_low", "fired_high")})
-    for _, row in percent.iterrows():
-        key = f"triggers.level.{row['detector']}.{slug(row['scenario'])}"
-        value(key, row, "fired", ".1f")
-    for scenario, rows in clean.groupby("scenario", sort=False):
-        failed_here, n = 100 * rows["base_rate"].iloc[0], int(rows["worlds"].iloc[0])
-        to.value(f"triggers.level.failed.{slug(scenario)}", failed_here, ".0f", n=n, within=5)
+    for name, table, where, column, fmt in (
+        ("auc.failed", failed, "case", "auc", ".2f"),
+        ("auc.contaminated", contaminated, "case", "auc", ".2f"),
+        ("mcc", decided, "case", "mcc", ".2f"),
+        ("level", percent, "scenario", "fired", ".1f"),
+    ):
+        for _, row in table.iterrows():
+            if row["detector"] in QUOTED[name].get(row[where], ()):
+                key = f"triggers.{name}.{row['detector']}.{slug(row[where])}"
+                error = (row[f"{column}_high"] - row[f"{column}_low"]) / (2 * 1.96)
+                to.value(key, row[column], fmt, "", error, int(row["worlds"]))
+    for _, row in clean[clean["scenario"] == "100 poses"].head(1).iterrows():
+        failed_here, n = 100 * row["base_rate"], int(row["worlds"])
+        to.value("triggers.level.failed.100_poses", failed_here, ".0f", n=n, within=5)
     lawful = percent.loc[percent["detector"] == "chi_square_robust", "fired"]
     to.value("triggers.level.lowest", lawful.min(), ".1f", within=1)
     to.value("triggers.level.highest", lawful.max(), ".1f", within=1)
@@ -282,5 +285,5 @@ def record(
 
 
 def slug(name: str) -> str:
-    """ "burst, p = 0.3" -> "burst_p0.3": a case or scenario as part of a key."""
-    return name.replace(",", "").replace(" = ", "").replace(" ", "_")
+    """ "p = 0.3" -> "p0.3": a case or scenario as part of a key."""
+    return name.replace(" = ", "").replace(" ", "_")

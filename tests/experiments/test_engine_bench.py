@@ -1,6 +1,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from helpers import handed_on
 
 from sngr_utils import cost
 from sngr_utils.experiments import bench, engine_bench, growth
@@ -51,7 +52,7 @@ def test_bench_tables_and_values(engines, tmp_path, capsys):
     to = report.Report("04_cost", tmp_path)
     show.record_engines(performances, grown, (0.1, 0.05), to)
     to.figure(fig, "growth", timing=True)
-    to.save()
+    handed_on(to)
     timings = files.read_json(tmp_path / "04_cost.timings.json")["values"]
     results = files.read_json(tmp_path / "04_cost.json")
     assert timings["engine.fast_all_over_isam2"]["value"] == 2
@@ -105,7 +106,7 @@ def test_two_modes_from_one_start_and_from_many():
     assert np.all((one < 0.1) | (one > 0.9))
     assert np.all(np.abs(many - 0.5) < 0.1)
     assert content.all()
-    assert show.two_mode_table(modes)["right"].tolist() == ["0 of 20", "20 of 20"]
+    assert show.two_mode_table(modes)["right"].map(str).tolist() == ["0 of 20", "20 of 20"]
 
 
 def test_reference_is_that_of_the_likelihood(noisy):

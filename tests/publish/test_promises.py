@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 import nbformat
 import numpy as np
 import pytest
-from helpers import read_notebook
+from helpers import asked_keys, read_notebook
 from nbformat.v4 import new_code_cell, new_notebook, new_output
 from PIL import Image
 
@@ -224,6 +224,13 @@ def test_whatever_the_paper_asks_for_is_handed_on(reference, judged):
         assert re.search(rf"paper\.figure\([^)]*\"{drawn}\"", sources[notebook]), (notebook, figure)
         timed = figure.endswith("_timing")
         assert timed or (paths.FIGURES / f"{notebook}_{figure}.pdf").exists()
+
+
+def test_nothing_is_handed_on_that_nobody_asks_for(reference):
+    """Nor kept in the reference, but for the numbers of the tables."""
+    keys = {key for key in reference if not key.startswith("tab_")}
+    assert keys == keys & asked_keys()
+    assert len(keys) > 400
 
 
 def test_a_missing_value_is_an_error_of_latex():

@@ -19,7 +19,8 @@ def test_text(value, fmt, shown):
 
 
 def test_spread_of_few_values():
-    assert cells.mean_std([1.0, 3.0]) == "2.00 ± 1.41"
+    assert str(cells.mean_std([1.0, 3.0])) == "2.00 ± 1.41"
+    assert str(cells.mean_error([1.0, 3.0], "+.1f")) == "+2.0 ± 1.0"
     assert standard_error.standard_error([1.0, 3.0]) == pytest.approx(1.0)
     assert math.isnan(standard_error.standard_error([1.0]))
 
@@ -42,8 +43,10 @@ def test_from_a_report_to_latex(tmp_path):
     to.value("a.b", 1.25, ".1f", "m", error=0.5, n=4)
     to.value("t", 3.0, timing=True)
     heads = pd.MultiIndex.from_tuples([("", "p"), ("RMSE", "printed"), ("RMSE", "ours")])
-    shown = to.table("x", pd.DataFrame([["0.1", "1 ± 2", "–"]], columns=heads))
-    assert "1 ± 2" in shown.data
+    shown = to.table(
+        "x", pd.DataFrame([["0.1", cells.with_error(-1.26, 2, ".1f"), 3]], columns=heads)
+    )
+    assert "−1.3 ± 2.0" in shown.data
     fig, _ = plt.subplots()
     to.figure(fig, "f")
     to.save()
@@ -56,7 +59,12 @@ def test_from_a_report_to_latex(tmp_path):
     assert r"\csname res@t\endcsname{3.00}" in written["timings.tex"]
     table = written["tab_x.tex"]
     assert r"\multicolumn{2}{c}{RMSE}" in table
-    assert r"0.1 & 1 $\pm$ 2 & --" in table
+    assert r"0.1 & $-$1.3 $\pm$ 2.0 & 3" in table
+    assert cells.entries(result["tables"]) == {
+        "tab_x.row1.column2": {"value": -1.26, "format": ".1f"},
+        "tab_x.row1.column2.2": {"value": 2, "format": ".1f"},
+        "tab_x.row1.column3": {"value": 3, "format": "d"},
+    }
     for key in ("values", "tables"):
         clash = {"notebook": "06", "values": {}, "tables": {}}
         clash[key] = result[key]

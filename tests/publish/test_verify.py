@@ -1,10 +1,11 @@
 import math
 
+import pandas as pd
 import pytest
 
 from sngr_utils import bimodal, paths, trigger_sweep
 from sngr_utils.__main__ import main
-from sngr_utils.publish import files, notebooks, report, verdict_tables, verify
+from sngr_utils.publish import cells, files, notebooks, report, verdict_tables, verify
 from sngr_utils.show import bimodal as show_bimodal
 from sngr_utils.show import trigger_sweep as show_trigger_sweep
 
@@ -114,20 +115,27 @@ def test_counts_alike_in_all_worlds_must_stay_so(tmp_path):
 def sweep_values(sweep, presets, tmp_path):
     to = report.Report("02_trigger_sweep", tmp_path)
     show_trigger_sweep.record(sweep, presets, to)
+    to.table("baseline", show_trigger_sweep.baseline_table(presets))
     to.save()
-    return files.read_json(tmp_path / "02_trigger_sweep.json")["values"]
+    return verify.handed_on(files.read_json(tmp_path / "02_trigger_sweep.json"))
 
 
 def test_reference_holds_for_the_sweep_and_a_perturbed_parameter_is_caught(
     paper_sweep, paper_presets, tmp_path
 ):
     """The proof that verify can fail: a range sigma of 0.11 instead of 0.10 m."""
-    committed = reference("02_trigger_sweep")
+    committed = {
+        key: entry for key, entry in reference("02_trigger_sweep").items()
+        if not key.startswith("tab_") or key.startswith("tab_baseline.")
+    }  # fmt: skip
     same = verify.compare_values(committed, sweep_values(paper_sweep, paper_presets, tmp_path))
     assert all(row.holds for row in same)
     other = trigger_sweep.run(trigger_sweep.Config(range_sigma=0.11))
-    perturbed = verify.compare_values(committed, sweep_values(other, paper_presets, tmp_path))
-    assert sum(not row.holds for row in perturbed) > 5
+    presets = paper_presets | {"C": other}
+    perturbed = verify.compare_values(committed, sweep_values(other, presets, tmp_path))
+    breaches = [row.key for row in perturbed if not row.holds]
+    assert sum(key.startswith("tab_") for key in breaches) > 5
+    assert sum(not key.startswith("tab_") for key in breaches) > 2
 
 
 def test_compare_and_adopt_on_folders(tmp_path, monkeypatch, capsys):
@@ -140,12 +148,16 @@ def test_compare_and_adopt_on_folders(tmp_path, monkeypatch, capsys):
     to = report.Report("01_bimodal", tmp_path / "verify/01_bimodal")
     show_bimodal.record(bimodal.run(bimodal.Config(n_repeats=2, n_live=20)), to)
     to.sample("worlds", [1.0, 2.0])
+    to.table("hessian", show_bimodal.hessian_table(bimodal.Config()))
     to.value("clock", 3.0, timing=True)
+    to.table("clocks", pd.DataFrame({"s": [cells.number(3.0)]}), timing=True)
     to.save()
     assert verify.compare(tmp_path / "verify") > 0  # no reference yet
     verify.adopt()
-    assert {"worlds", "clock", "bimodal.sigma_y"} <= seen.keys() == recorded.keys()
+    assert {"worlds", "clock", "bimodal.map_x"} <= seen.keys() == recorded.keys()
     assert set(files.read_json(tmp_path / "reference/01_bimodal.timings.json")) == {"clock"}
+    kept = files.read_json(tmp_path / "reference/01_bimodal.json")
+    assert kept["tab_hessian.row1.column3"] == {"value": pytest.approx(0.01), "format": ".2f"}
     assert verify.compare(tmp_path / "verify") == 0
     assert "0 outside their tolerance" in capsys.readouterr().out
 
@@ -177,8 +189,9 @@ def test_the_committed_reference_reproduces_itself_and_nothing_else(name):
 @pytest.mark.parametrize("name", COMMITTED)
 def test_the_committed_tolerances_are_what_a_report_writes(name):
     for key, entry in reference(name).items():
-        if entry["tolerance"]["kind"] != "absolute":  # which the notebook may have chosen itself
-            assert entry["tolerance"] == report.tolerance(entry), key
+        declared = entry.get("tolerance", {"kind": "absolute"})  # a table's cell has none
+        if declared["kind"] != "absolute":  # which the notebook may have chosen itself
+            assert declared == report.tolerance(entry), key
 
 
 @pytest.mark.parametrize(
@@ -188,6 +201,11 @@ def test_the_committed_tolerances_are_what_a_report_writes(name):
         (lambda entries: entries["s"].update(value=9.0), 1),
         (lambda entries: entries["v"].update(value=1.006), 1),
         (lambda entries: entries["v"].update(value=None), 1),
+        (lambda entries: entries["tab_t.row1.column2"].update(value=8), 1),
+        (lambda entries: entries["tab_t.row1.column3"].update(value=2.256), 1),
+        (lambda entries: entries["tab_t.row1.column3"].update(value=2.2549), 0),
+        (lambda entries: entries["tab_t.row1.column3.3"].update(value=2.49), 1),
+        (lambda entries: entries.pop("tab_t.row1.column3.2"), 1),
         (lambda entries: entries["s"]["sample"].pop(), 1),
         (lambda entries: entries.pop("v"), 1),
         (lambda entries: entries.update(extra=entries["v"]), 1),
@@ -201,8 +219,10 @@ def test_an_altered_reference_is_noticed(tmp_path, monkeypatch, capsys, damage, 
     to = report.Report("01_bimodal", tmp_path / "verify/01_bimodal")
     to.value("v", 1.0)
     to.sample("s", [1.0, 2.0, 3.0])
+    cell = cells.with_interval(2.25, 2.0, 2.5)
+    to.table("t", pd.DataFrame({"p": ["0.1"], "n": [7], "mean": [cell]}))
     to.save()
-    entries = files.entries(files.read_json(tmp_path / "verify/01_bimodal/01_bimodal.json"))
+    entries = verify.handed_on(files.read_json(tmp_path / "verify/01_bimodal/01_bimodal.json"))
     damage(entries)
     files.write_json(tmp_path / "01_bimodal.json", entries)
     assert main(["verify"]) == (breaches > 0)
@@ -215,4 +235,4 @@ def test_there_is_a_reference_for_every_notebook():
     for name in notebooks.names():
         values = files.read_json(paths.REFERENCE / f"{name}.json")
         assert len(values) >= 5
-        assert all("tolerance" in value for value in values.values())
+        assert all({"value", "format"} <= value.keys() for value in values.values())

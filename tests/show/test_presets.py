@@ -22,7 +22,7 @@ def test_printed_numbers_stand_beside_those_of_each_preset():
     ours = {"A": {0.0: {"n": 3, "x": 1.0}, 0.1: {"n": 4, "x": 2.0}}, "B": {0.0: {}, 0.1: {"n": 5}}}
     printed = {0.1: {"x": -0.5}}
     table = presets.beside_printed({"x": ("x [m]", ".1f"), "n": ("n", "d")}, printed, ours)
-    assert table.to_numpy().tolist() == [
+    assert table.map(str).to_numpy().tolist() == [
         ["x [m]", "0", "–", "1.0", "–"],
         ["", "0.1", "−0.5", "2.0", "–"],
         ["n", "0", "–", "3", "–"],
