@@ -52,7 +52,8 @@ help:
 	@echo 'make bench      time the engines side by side, with their errors'
 	@echo 'make verify     re-run everything aside and compare with paper/reference'
 	@echo 'make setup      the Python environment only (.venv)'
-	@echo 'make lint       ruff'
+	@echo 'make lint       ruff, imports between rooms, and how long each notebook takes to read'
+	@echo 'make student    the notebooks without their solutions, into build/student'
 	@echo 'make lock       resolve pyproject.toml into environment.lock again (needs uv)'
 	@echo 'make clean      remove what was built; make distclean also removes .venv'
 	@echo 'JOBS=1 runs the notebooks one after the other (default 2 at a time).'
@@ -138,6 +139,12 @@ mutants: setup
 lint: setup
 	@$(PY) -m ruff check . && $(PY) -m ruff format --check .
 	@mkdir -p build && .venv/bin/lint-imports --no-cache > build/imports.log || { cat build/imports.log; exit 1; }
+	@$(PY) scripts/reading.py
+
+# The notebooks without their solutions, into build/student; nothing is executed.
+.PHONY: student
+student: setup
+	@$(PY) scripts/student.py
 
 lock:
 	@command -v uv > /dev/null || { echo 'make lock needs uv on the PATH' >&2; exit 1; }

@@ -11,10 +11,11 @@ import pytest
 from sngr_utils import paths
 
 HEAVY = {"gtsam", "numba", "papermill", "matplotlib", "dynesty", "pandas", "scipy", "joblib"}
-SHOWN = ["bimodal", "trigger_sweep", "full_sngr", "cost", "style", "common"]
+SHOWN = ["start_here", "factor_graph", "bimodal", "trigger_sweep", "full_sngr", "cost", "style",
+         "common"]  # fmt: skip
 LINES = dict.fromkeys(
-    ["trigger_sweep", "full_sngr", "cost", "audit", "triggers", "peers", "association_aware",
-     "multimodal"], 150,
+    ["start_here", "trigger_sweep", "full_sngr", "cost", "audit", "triggers", "peers",
+     "association_aware", "multimodal"], 150,
 ) | {"bimodal": 200}  # fmt: skip
 
 

@@ -1,0 +1,52 @@
+"""What the documents point at is there, and the glossary can be read by a program."""
+
+import re
+
+import pytest
+from helpers import read_notebook
+
+from sngr_utils import paths
+
+DOCS = sorted((paths.ROOT / "docs").rglob("*.md"))
+
+
+@pytest.mark.parametrize("path", DOCS, ids=lambda path: path.name)
+def test_links_lead_somewhere(path):
+    for link in re.findall(r"\]\(([^)#]+)\)", path.read_text(encoding="utf-8")):
+        assert "://" in link or (path.parent / link).exists(), link
+
+
+def test_a_section_that_is_named_is_in_its_notebook():
+    text = (paths.ROOT / "docs/teaching/README.md").read_text(encoding="utf-8")
+    named = re.findall(r"\[([^\]]+)\]\(\.\./\.\./notebooks/(\w+)\.ipynb\)", text)
+    assert len(named) > 20
+    for section, name in named:
+        cells = [c.source for c in read_notebook(name).cells if c.cell_type == "markdown"]
+        headings = re.findall(r"^#+ (?:\d+\. )?(.*)$", "\n".join(cells), re.MULTILINE)
+        assert section in headings, (section, name)
+
+
+def test_the_glossary_is_one_sentence_a_term_in_order():
+    text = (paths.ROOT / "docs/glossary.md").read_text(encoding="utf-8")
+    entries = re.findall(r"^\*\*([^*]+)\*\*(?: \(([^)]*)\))?: (.+)$", text, re.MULTILINE)
+    assert len(entries) == text.count("\n**") >= 60
+    terms = [term for term, _, _ in entries]
+    assert terms == sorted(set(terms), key=str.lower)
+    for _, _, meaning in entries:
+        assert meaning.endswith(".")
+        assert ". " not in meaning
+
+
+def test_a_letter_has_one_meaning():
+    text = (paths.ROOT / "docs/notation.md").read_text(encoding="utf-8")
+    signs = [row.split("|")[1].strip() for row in text.splitlines() if row.startswith("| ")][1:]
+    letters = [sign for cell in signs for sign in cell.split(", ")]
+    assert len(letters) == len(set(letters)) > 30
+
+
+def test_the_quiz_has_fifteen_questions_and_answers():
+    text = (paths.ROOT / "docs/teaching/quiz.md").read_text(encoding="utf-8")
+    parts = re.split(r"^\*\*(\d+)\.\*\* ", text, flags=re.MULTILINE)
+    assert parts[1::2] == [str(number) for number in range(1, 16)]
+    for part in parts[2::2]:
+        assert part.count("<details>") == part.count("</details>") == 1
