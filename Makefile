@@ -49,6 +49,7 @@ help:
 	@echo 'make quick      the notebooks with the small params/quick, into build/quick'
 	@echo 'make run/NAME   one notebook, e.g. make run/01_bimodal'
 	@echo 'make notebooks  execute the committed notebooks in place, refreshing their outputs'
+	@echo 'make why KEY=online.p0.4.ratio  (or TABLE=, FIGURE=) trace it to its cell and its code'
 	@echo 'make bench      time the engines side by side, with their errors'
 	@echo 'make verify     re-run everything aside and compare with paper/reference'
 	@echo 'make setup      the Python environment only (.venv)'
@@ -104,6 +105,12 @@ bench: check
 .PHONY: bench $(NOTEBOOKS:%=scratch/%)
 $(NOTEBOOKS:%=scratch/%): scratch/%: setup
 	@$(RUN) aside $*
+
+# Where a number, a table or a figure comes from: make why KEY=online.p0.4.ratio, TABLE=online_goal
+# or FIGURE=08_association_aware_summary.
+.PHONY: why
+why: setup
+	@$(RUN) why "$(or $(KEY),$(TABLE),$(FIGURE),$(error name one: KEY=, TABLE= or FIGURE=))"
 
 # After a deliberate change: make the results at hand the reference.
 reference: results

@@ -95,6 +95,7 @@ SCRATCH = [f"{RUN} aside 02_b", f"{RUN} aside 01_a"]
         ("test", CHECK, [CHECK]),
         ("verify", None, [CHECK, COMPILE, *SCRATCH, COMPARE]),
         ("verify", CHECK, [CHECK]),
+        ("why", "<name one>", []),
         ("verify", SCRATCH[0], [CHECK, COMPILE, *SCRATCH]),  # a failed run is never compared
     ],
 )  # fmt: skip

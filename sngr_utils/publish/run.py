@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from sngr_utils import paths
-from sngr_utils.publish import claims, execution, notebooks
+from sngr_utils.publish import claims, execution, links, notebooks
 from sngr_utils.publish.files import read_json, replace, write_json
 from sngr_utils.publish.freshness import STAMP, digest, file_digest, is_fresh, relative
 from sngr_utils.publish.notebooks import ProjectError
@@ -19,13 +19,14 @@ CLOCKS = (".timings.json", "_timing.pdf", "_timing.png")  # ends of names of fil
 def check() -> dict[str, dict[str, Any]]:
     """Check the parameters of all notebooks, the quick ones too; returns the full ones.
 
-    Also what is not read before all notebooks have run: the claims, the printed values, and the
-    reference they are compared with.
+    Also what is not read before all notebooks have run: the claims, the printed values, the
+    address that links are made of, and the reference that results are compared with.
     """
     for name in notebooks.names():
         read_params(name, paths.PARAMS / "quick")
     params = {name: read_params(name) for name in notebooks.names()}
     claims.check()
+    links.repository()
     results_in(paths.REFERENCE)
     return params
 
@@ -144,6 +145,7 @@ def write_latex() -> None:
             timings.append(read_json(clocks))
     judged = verdict_tables.judged(results_in(paths.RESULTS))
     files = latex.latex([*results, verdict_tables.result(judged)], timings)
+    files["sources.tex"] = links.latex()
     files["claims_full.tex"] = verdict_tables.chunks(judged[claims.read().reading])
     folder = paths.PAPER / "generated"
     folder.mkdir(exist_ok=True)
