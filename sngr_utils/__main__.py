@@ -154,12 +154,25 @@ def main(arguments: list[str] | None = None) -> int:
     except ProjectError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
+    except (OSError, MemoryError) as error:  # the machine says no: a full disk, no permission
+        if _interrupted:
+            print(UNTOUCHED, file=sys.stderr)
+            return 130
+        print(f"error: {_of_machine(error)}; published results are untouched", file=sys.stderr)
+        return 1
     except BaseException:
         if not _interrupted:
             raise
         logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # no traceback of the lost kernel
         print(UNTOUCHED, file=sys.stderr)
         return 130
+
+
+def _of_machine(error: OSError | MemoryError) -> str:
+    """ "build/results/x.json: No space left on device", or its kind where it says no more."""
+    where = getattr(error, "filename", None)
+    what = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return what if where is None else f"{where}: {what}"
 
 
 def _interrupt(signum, frame):
