@@ -19,14 +19,20 @@ RUN := $(PY) -m sngr_utils
 # Once for all notebooks and tests that follow; seconds if it has been done.
 COMPILE := $(RUN) compile
 
-# The environment is private: nothing of the user's Python, Jupyter or Matplotlib set-up counts.
-unexport PYTHONPATH PYTHONHOME PYTHONOPTIMIZE JUPYTER_PATH VIRTUAL_ENV MPLBACKEND CDPATH BASH_ENV
+# The environment is private: nothing of the user's set-up of Python, Jupyter, Matplotlib, numba,
+# joblib, pytest, git or TeX counts, whatever they have put into variables.
+unexport $(filter PYTHON% JUPYTER% IPYTHON% MPL% NUMBA_% JOBLIB_% LOKY_% DASK_% PYTEST_% COVERAGE_% \
+  RUFF_% PAPERMILL_% NBVAL_% PYDEVD_% OPENBLAS_% MKL_% KMP_% TEX% BIB% BST% MF% TFM% T1% ENC% \
+  GIT_% VIRTUAL_ENV CONDA_PREFIX LATEXMKRCSYS max_print_line error_line half_error_line shell_escape \
+  openout_any openin_any CDPATH BASH_ENV ENV GREP_OPTIONS POSIXLY_CORRECT TZ, $(.VARIABLES))
 export PYTHONNOUSERSITE := 1
 export PYTHONHASHSEED := 0
+export PYTHONUTF8 := 1
 export JUPYTER_CONFIG_DIR := $(CURDIR)/build/cache/jupyter
 export JUPYTER_PREFER_ENV_PATH := 1
 export IPYTHONDIR := $(CURDIR)/build/cache/ipython
 export MPLCONFIGDIR := $(CURDIR)/build/cache/matplotlib
+export TEXMFHOME := $(CURDIR)/build/cache/texmf
 export OPENBLAS_NUM_THREADS ?= 1
 export OMP_NUM_THREADS ?= 1
 export SOURCE_DATE_EPOCH := 1735689600
@@ -40,7 +46,7 @@ SUBMAKE = $(MAKE) --no-print-directory
 .PHONY: quick $(NOTEBOOKS:%=run/%) $(NOTEBOOKS:%=quick/%) $(NOTEBOOKS:%=refresh/%)
 
 help:
-	@echo 'make paper      everything, from nothing to paper/sngr.pdf (installs TeX if it may)'
+	@echo 'make paper      everything, from nothing to paper/sngr.pdf (installs TeX by apt if it may: NO_APT=1 declines)'
 	@echo 'make test       tests, and the committed notebooks re-run and compared'
 	@echo 'make coverage   the unit tests, with the lines of the library they miss (90 % at least)'
 	@echo 'make mutants    break the library at random in MUTANTS places: do its tests notice?'
@@ -49,6 +55,7 @@ help:
 	@echo 'make quick      the notebooks with the small params/quick, into build/quick'
 	@echo 'make run/NAME   one notebook, e.g. make run/01_bimodal'
 	@echo 'make notebooks  execute the committed notebooks in place, refreshing their outputs'
+	@echo 'make why KEY=online.p0.4.ratio  (or TABLE=, FIGURE=) trace it to its cell and its code'
 	@echo 'make bench      time the engines side by side, with their errors'
 	@echo 'make verify     re-run everything aside and compare with paper/reference'
 	@echo 'make setup      the Python environment only (.venv)'
@@ -106,6 +113,12 @@ bench: check
 $(NOTEBOOKS:%=scratch/%): scratch/%: setup
 	@$(RUN) aside $*
 
+# Where a number, a table or a figure comes from: make why KEY=online.p0.4.ratio, TABLE=online_goal
+# or FIGURE=08_association_aware_summary.
+.PHONY: why
+why: setup
+	@$(RUN) why "$(or $(KEY),$(TABLE),$(FIGURE),$(error name one: KEY=, TABLE= or FIGURE=))"
+
 # After a deliberate change: make the results at hand the reference.
 reference: results
 	@$(RUN) adopt
@@ -113,7 +126,12 @@ reference: results
 tex:
 	@bash scripts/install_tex.sh
 
+# One at a time: two would write the same files.
 pdf: setup
+	@+$(PY) scripts/alone.py build/.pdf.lock $(SUBMAKE) typeset
+
+.PHONY: typeset
+typeset:
 	@$(RUN) latex
 	@bash scripts/typeset.sh
 
@@ -155,5 +173,5 @@ clean:
 	rm -rf build paper/generated paper/sngr.pdf .pytest_cache .ruff_cache .coverage
 
 distclean: clean
-	rm -rf .venv
+	rm -rf .venv .venv.before
 	find sngr_utils tests -name __pycache__ -prune -exec rm -rf {} +

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Make sure that the paper can be typeset: install the small set of TeX packages on a
-# Debian-like system if we may, say what to do otherwise.
+# Debian-like system if we may, say what to do otherwise. NO_APT=1 declines it.
 set -euo pipefail
 
 packages="texlive-latex-extra texlive-publishers texlive-science latexmk"
@@ -19,8 +19,15 @@ as_root=
 if [ "$(id -u)" != 0 ]; then
   as_root="sudo -n"
 fi
-if command -v apt-get > /dev/null && { [ -z "$as_root" ] || $as_root true 2> /dev/null; }; then
-  echo "tex: installing $packages (about 200 MB)"
+if [ -z "${NO_APT:-}" ] && command -v apt-get > /dev/null &&
+  { [ -z "$as_root" ] || $as_root true 2> /dev/null; }; then
+  cat << MESSAGE
+tex: TeX is missing. As root, on this system and not only in this folder, this runs now
+  apt-get update
+  apt-get install --no-install-recommends $packages
+(about 200 MB to fetch, 0.6 GB installed). To decline, stop it and set NO_APT=1.
+MESSAGE
+  [ ! -t 0 ] || [ ! -t 1 ] || sleep 5
   export DEBIAN_FRONTEND=noninteractive
   $as_root apt-get update -qq
   $as_root apt-get install -y -qq --no-install-recommends -o DPkg::Lock::Timeout=300 \
@@ -33,7 +40,7 @@ case "$(uname -s)" in
   *) command="sudo apt-get update && sudo apt-get install --no-install-recommends $packages" ;;
 esac
 cat >&2 << MESSAGE
-error: TeX is missing, and 'make paper' may not install it here. Run
+error: TeX is missing, and 'make paper' may not install it here${NO_APT:+ (NO_APT is set)}. Run
   $command
 (or your system's equivalent) and then 'make paper' again.
 Without TeX, 'make results' still does everything but the PDF.

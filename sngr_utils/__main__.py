@@ -52,9 +52,19 @@ def _each(args) -> int:
 
 def _verify(args) -> int:
     from sngr_utils import paths
-    from sngr_utils.publish import verify
+    from sngr_utils.publish import verified, verify
 
-    return 1 if verify.compare(paths.BUILD / "verify") else 0
+    if verify.compare(paths.BUILD / "verify"):
+        return 1
+    verified.remember()
+    return 0
+
+
+def _why(args) -> int:
+    from sngr_utils.publish import why
+
+    print(why.why(args.name))
+    return 0
 
 
 def _adopt(args) -> int:
@@ -117,6 +127,7 @@ COMMANDS = {
     "quick": (_each, "run notebooks with params/quick, into build/quick"),
     "aside": (_each, "run notebooks with their YAML, into build/verify"),
     "refresh": (_each, "store fresh outputs in committed notebooks"),
+    "why": (_why, "trace a value, table or figure to the cell, parameters and code behind it"),
     "study": (_study, "make a study that stands outside make paper; takes up what is kept"),
 }
 
@@ -129,8 +140,9 @@ def main(arguments: list[str] | None = None) -> int:
         command = commands.add_parser(name, help=meaning)
         if work is _each:
             command.add_argument("names", nargs="+")
-        if work is _study:
+        if work in (_study, _why):
             command.add_argument("name")
+        if work is _study:
             command.add_argument("--jobs", type=int, help="workers (default: all cores, or dask's)")
             command.add_argument("--scheduler", help="address of a dask scheduler")
             command.add_argument("--status", action="store_true", help="only say how far it is")
@@ -142,12 +154,25 @@ def main(arguments: list[str] | None = None) -> int:
     except ProjectError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
+    except (OSError, MemoryError) as error:  # the machine says no: a full disk, no permission
+        if _interrupted:
+            print(UNTOUCHED, file=sys.stderr)
+            return 130
+        print(f"error: {_of_machine(error)}; published results are untouched", file=sys.stderr)
+        return 1
     except BaseException:
         if not _interrupted:
             raise
         logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # no traceback of the lost kernel
         print(UNTOUCHED, file=sys.stderr)
         return 130
+
+
+def _of_machine(error: OSError | MemoryError) -> str:
+    """ "build/results/x.json: No space left on device", or its kind where it says no more."""
+    where = getattr(error, "filename", None)
+    what = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return what if where is None else f"{where}: {what}"
 
 
 def _interrupt(signum, frame):

@@ -48,6 +48,7 @@ def make_project(folder):
     shutil.copy(paths.PRINTED_VALUES, folder / "paper")
     (folder / "paper/claims.yaml").write_text(CLAIMS)
     shutil.copy(paths.LOCK, folder)
+    shutil.copy(paths.CITATION, folder)
     (folder / "notebooks").mkdir()
     real = read_notebook(NAME)
     (declared,) = (c for c in real.cells if "parameters" in c.metadata.get("tags", []))

@@ -17,9 +17,11 @@ echo "$line" >> "{log}"
 case "$line" in *"$FAIL"*) exit 1;; esac
 {then}
 """
-STALE = 'case "$*" in *stale) for name in $STALE; do echo "run/$name"; done;; esac'
+STALE = """case "$*" in *stale) for name in $STALE; do echo "run/$name"; done;; esac
+case "$1" in scripts/alone.py) shift 2; exec "$@";; esac"""
 TOOLS = ("sh", "bash", "id", "uname", "cat", "cksum", "ls", "mkdir", "rm", "ln", "awk", "cp", "cmp",
-         "mv", "grep", "head", "tail", "dirname", "make", "env")  # fmt: skip
+         "mv", "grep", "head", "tail", "dirname", "make", "env",
+         "mktemp", "df", "sleep")  # fmt: skip
 
 
 class Checkout:
@@ -48,7 +50,8 @@ class Checkout:
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
         )  # fmt: skip
         self.output = done.stdout
-        return done.returncode, self.log.read_text().splitlines()
+        lines = self.log.read_text().splitlines()
+        return done.returncode, [line for line in lines if "scripts/alone.py" not in line]
 
 
 @pytest.fixture
@@ -95,6 +98,7 @@ SCRATCH = [f"{RUN} aside 02_b", f"{RUN} aside 01_a"]
         ("test", CHECK, [CHECK]),
         ("verify", None, [CHECK, COMPILE, *SCRATCH, COMPARE]),
         ("verify", CHECK, [CHECK]),
+        ("why", "<name one>", []),
         ("verify", SCRATCH[0], [CHECK, COMPILE, *SCRATCH]),  # a failed run is never compared
     ],
 )  # fmt: skip
@@ -123,7 +127,10 @@ def test_nothing_of_the_users_python_counts(made):
     names = [
         "PYTHONPATH", "PYTHONHOME", "PYTHONOPTIMIZE", "PYTHONHASHSEED", "PYTHONNOUSERSITE",
         "JUPYTER_PATH", "JUPYTER_CONFIG_DIR", "IPYTHONDIR", "VIRTUAL_ENV", "MPLBACKEND",
-        "MPLCONFIGDIR", "CDPATH", "BASH_ENV", "SOURCE_DATE_EPOCH",
+        "MPLCONFIGDIR", "CDPATH", "BASH_ENV", "SOURCE_DATE_EPOCH", "NUMBA_DISABLE_JIT",
+        "JOBLIB_TEMP_FOLDER", "LOKY_PICKLER", "DASK_CONFIG", "PYTEST_ADDOPTS", "PYTHONWARNINGS",
+        "TEXINPUTS", "TEXMFHOME", "TEXMFCNF", "BIBINPUTS", "BSTINPUTS", "LATEXMKRCSYS", "GIT_DIR",
+        "max_print_line", "OPENBLAS_CORETYPE", "TZ", "COVERAGE_PROCESS_START", "RUFF_CONFIG",
     ]  # fmt: skip
     theirs = dict.fromkeys(names, "theirs")
     (made.folder / "probe.mk").write_text("include Makefile\nprobe:\n\t@env\n")
@@ -142,7 +149,8 @@ def test_nothing_of_the_users_python_counts(made):
 @pytest.fixture
 def setup(checkout):
     """setup.sh with a uv that makes an environment without installing anything."""
-    shutil.copy(paths.ROOT / "scripts/setup.sh", checkout.folder / "scripts")
+    for name in ("setup.sh", "alone.py"):
+        shutil.copy(paths.ROOT / "scripts" / name, checkout.folder / "scripts")
     (checkout.folder / "environment.lock").write_text("numpy==1 --hash=sha256:0\n")
     (checkout.bin / "python3").symlink_to(sys.executable)
     make = f'[ "$1" != venv ] || (mkdir -p .venv/bin && ln -s "{sys.executable}" .venv/bin/python)'
@@ -155,7 +163,7 @@ def test_set_up_installs_the_lock_by_its_hashes_and_once(setup):
     assert status == 0, setup.output
     made, locked, ours = log
     assert made.startswith("uv venv ")
-    assert locked.endswith("--no-deps --require-hashes -r environment.lock")
+    assert locked.endswith("--only-binary :all: --no-deps --require-hashes -r environment.lock")
     assert ours.endswith("--no-deps --no-build-isolation --editable .")
     assert setup.run("bash", "scripts/setup.sh") == (0, [])  # does nothing if current
     (setup.folder / "environment.lock").write_text("numpy==2 --hash=sha256:0\n")
@@ -169,6 +177,71 @@ def test_a_failed_set_up_is_not_current(setup):
     assert status != 0
     status, log = setup.run("bash", "scripts/setup.sh")
     assert (status, len(log)) == (0, 3)
+
+
+def test_a_failed_set_up_leaves_the_environment_that_was_there(setup):
+    assert setup.run("bash", "scripts/setup.sh")[0] == 0
+    good = (setup.folder / ".venv/complete").read_text()
+    (setup.folder / "environment.lock").write_text("numpy==2 --hash=sha256:1\n")
+    status, _ = setup.run("bash", "scripts/setup.sh", FAIL="--require-hashes")
+    assert status == 1
+    assert "error: environment.lock was not installed; what .venv held before" in setup.output
+    assert (setup.folder / ".venv/complete").read_text() == good
+    assert not (setup.folder / ".venv.before").exists()
+    (setup.folder / ".venv").rename(setup.folder / ".venv.before")  # one that was killed
+    assert setup.run("bash", "scripts/setup.sh", FAIL="--require-hashes")[0] == 1
+    assert (setup.folder / ".venv/complete").read_text() == good
+    assert setup.run("bash", "scripts/setup.sh")[0] == 0
+    assert not (setup.folder / ".venv.before").exists()
+
+
+def test_of_pips_and_uvs_settings_only_where_packages_come_from_counts(setup):
+    setup.stub("bin/uv", "uv", "mkdir -p .venv/bin; env > seen")
+    kept = dict.fromkeys(["PIP_INDEX_URL", "UV_DEFAULT_INDEX", "PIP_CERT", "UV_CACHE_DIR"], "a")
+    unwanted = ["PIP_CONSTRAINT", "PIP_NO_BINARY", "UV_NO_BINARY", "PIP_USER", "PIP_TARGET",
+                "UV_SYSTEM_PYTHON", "UV_PROJECT", "PIP_REQUIRE_VIRTUALENV"]  # fmt: skip
+    dropped = dict.fromkeys(unwanted, "1")
+    assert setup.run("bash", "scripts/setup.sh", **kept, **dropped)[0] == 0, setup.output
+    seen = dict(line.split("=", 1) for line in (setup.folder / "seen").read_text().splitlines())
+    assert kept.items() <= seen.items()
+    assert not dropped.keys() & seen.keys()
+
+
+def test_two_set_ups_do_not_meet(setup):
+    """The second waits, says so, and finds the work done."""
+    setup.stub("bin/uv", "uv", '[ "$1" != venv ] || mkdir -p .venv/bin; sleep 0.3\n'
+               f'ln -sf "{sys.executable}" .venv/bin/python')  # fmt: skip
+    env = {"PATH": str(setup.bin), "HOME": str(setup.folder), "FAIL": "<none>"}
+    both = [
+        subprocess.Popen(["bash", "scripts/setup.sh"], cwd=setup.folder, env=env, text=True,
+                         stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        for _ in range(2)
+    ]  # fmt: skip
+    shown = [process.communicate(timeout=30)[0] for process in both]
+    assert [process.returncode for process in both] == [0, 0], shown
+    assert sum("waiting: another make is at work here" in text for text in shown) == 1
+    assert (setup.folder / "log").read_text().count("uv venv") == 1
+
+
+def test_a_folder_that_cannot_be_written_is_named_at_once(setup):
+    (setup.folder / "build").rmdir()
+    (setup.folder / "build").write_text("a file")
+    status, log = setup.run("bash", "scripts/setup.sh")
+    assert (status, log) == (1, [])
+    assert f"error: {setup.folder}/build cannot be written" in setup.output.splitlines()[0]
+
+
+@pytest.mark.parametrize("name", ["setup", "pdf"])
+def test_a_link_in_place_of_a_lock_is_not_followed(setup, name):
+    (setup.folder / "precious").write_text("kept")
+    (setup.folder / "build/.x.lock").symlink_to(setup.folder / "precious")
+    alone = ("python3", "scripts/alone.py", "build/.x.lock", "cat", "precious")
+    status, _ = setup.run(*alone)
+    assert (status, (setup.folder / "precious").read_text()) == (1, "kept")
+    assert setup.output.startswith("error: build/.x.lock: ")
+    (setup.folder / "build/.x.lock").unlink()
+    assert setup.run(*alone)[0] == 0
+    assert setup.output == "kept"
 
 
 def test_without_a_python_that_will_do_set_up_says_so(setup):
@@ -207,6 +280,21 @@ def test_without_tex_and_without_leave_to_install_it_says_what_to_run(tex):
     assert not any(line.startswith("apt-get") for line in log)
 
 
+def test_what_is_done_as_root_is_said_before_and_can_be_declined(tex):
+    tex.stub("bin/apt-get", "apt-get")
+    (tex.bin / "id").unlink()
+    tex.stub("bin/id", "id", "echo 0")
+    status, log = tex.run("bash", "scripts/install_tex.sh", NO_APT="1")
+    assert (status, [line for line in log if "apt-get" in line]) == (1, [])
+    assert "may not install it here (NO_APT is set)" in tex.output
+    status, log = tex.run("bash", "scripts/install_tex.sh")
+    assert status == 1  # the stub installs nothing
+    assert [line.split()[1] for line in log if line.startswith("apt-get")] == ["update", "install"]
+    said = tex.output.index("As root, on this system and not only in this folder, this runs now")
+    assert said < tex.output.index("error: TeX is missing")
+    assert "To decline, stop it and set NO_APT=1." in tex.output
+
+
 def test_with_tex_nothing_is_installed(tex):
     for name in ("latexmk", "pdflatex", "kpsewhich", "apt-get"):
         tex.stub(f"bin/{name}", name)
@@ -229,6 +317,7 @@ LOG = "../build/paper/sngr.log"
         (f"echo 'LaTeX Warning: There were undefined references.' > {LOG}", "undefined references"),
         (f"echo 'LaTeX Warning: Citation x undefined on page 1' > {LOG}", "Citation x undefined"),
         ("echo 'killed'; exit 137", "killed"),
+        (f"rm -f {LOG}", "not typeset"),  # it went elsewhere: undefined references could hide
     ],
 )
 def test_a_paper_with_an_error_never_replaces_the_last_good_one(tex, latexmk, reason):
@@ -237,6 +326,7 @@ def test_a_paper_with_an_error_never_replaces_the_last_good_one(tex, latexmk, re
     (tex.folder / "paper/sngr.pdf").write_text("good\n")
     status, log = tex.run("bash", "scripts/typeset.sh")
     assert "-halt-on-error" in log[0]
+    assert "-norc" in log[0]
     kept = (tex.folder / "paper/sngr.pdf").read_text()
     if reason is None:
         assert (status, kept) == (0, "new\n"), tex.output

@@ -6,6 +6,7 @@ compiled modules: an edit to any of them compiles all of them again.
 """
 
 import hashlib
+import warnings
 from pathlib import Path
 
 import numba
@@ -21,6 +22,11 @@ def fingerprint(package: Path) -> str:
 
 
 numba.config.CACHE_DIR = str(paths.BUILD / "cache" / "numba" / fingerprint(paths.PACKAGE))
+
+if numba.config.DISABLE_JIT:
+    warnings.warn(
+        "NUMBA_DISABLE_JIT is set: nothing is compiled, all takes far longer", stacklevel=2
+    )
 
 # No Python objects inside, so threads run in parallel; x / 0 is inf, as in NumPy.
 compile_once = numba.njit(cache=True, nogil=True, error_model="numpy")

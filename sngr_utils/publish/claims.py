@@ -166,3 +166,16 @@ def key(pattern: str, preset: str, names: dict[str, str]) -> str:
         return format(float(name), "g") if name.replace(".", "", 1).isdigit() else name
 
     return pattern.format(preset=preset, **{name: short(part) for name, part in names.items()})
+
+
+def resting_on(name: str) -> list[str]:
+    """Ids of the claims, with their level where they have some, that a key judges."""
+    reading, found = read().reading, []
+    for entry in [*read().numbers, *read().prose]:
+        if isinstance(entry, ProseEntry):
+            found += [entry.id] * (name in _keys(entry, reading))
+            continue
+        for names in entry.leaves().values():
+            label = "".join(f".{part}{value}" for part, value in names.items())
+            found += [entry.id + label] * (key(entry.ours, reading, names) == name)
+    return found

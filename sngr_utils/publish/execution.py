@@ -18,7 +18,7 @@ from typing import Any
 
 from sngr_utils import paths
 from sngr_utils.publish import notebooks
-from sngr_utils.publish.files import write_json
+from sngr_utils.publish.files import write_json, write_text
 from sngr_utils.publish.freshness import STAMP, digest, file_digest, inputs, is_whole_run
 from sngr_utils.publish.notebooks import ProjectError
 
@@ -58,10 +58,16 @@ def run_of(name: str, params: dict[str, Any]) -> Path:
 
 @contextmanager
 def alone(name: str) -> Iterator[None]:
-    """Wait until no other process runs this notebook."""
+    """Wait until no other process runs this notebook; says so if one does."""
     paths.BUILD.mkdir(exist_ok=True)
-    with open(paths.BUILD / f".{name}.lock", "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    # what a link there leads to is not ours to open
+    flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW
+    with open(os.open(paths.BUILD / f".{name}.lock", flags, 0o666), "r+") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            print(f"{name}: waiting for another process that runs it", flush=True)
+            fcntl.flock(lock, fcntl.LOCK_EX)
         yield
 
 
@@ -103,6 +109,8 @@ def execute(name: str, params: dict[str, Any], folder: Path) -> None:
         ) from error
     except DeadKernelError as error:
         raise ProjectError(f"{name}: the kernel died (out of memory?); {UNTOUCHED}") from error
+    except RuntimeError as error:  # of nbclient and jupyter_client: it was silent for a minute
+        raise ProjectError(f"{name}: the kernel did not start: {error}; {UNTOUCHED}") from error
     executed = json.loads(output.read_text(encoding="utf-8"))
     tidy(executed)
     write_notebook(output, executed)
@@ -122,10 +130,7 @@ def tidy(notebook: dict) -> None:
 
 def write_notebook(path: Path, notebook: dict) -> None:
     """Write a notebook as Jupyter does, whole or not at all."""
-    partial = path.with_suffix(".partial")
-    text = json.dumps(notebook, indent=1, ensure_ascii=False, sort_keys=True)
-    partial.write_text(text + "\n", encoding="utf-8")
-    os.replace(partial, path)
+    write_text(path, json.dumps(notebook, indent=1, ensure_ascii=False, sort_keys=True) + "\n")
 
 
 def code_cells(path: Path) -> list[dict]:

@@ -16,7 +16,21 @@ def write_json(path: Path, content: dict) -> None:
     """Write JSON that diffs well, with all digits; lists of numbers and short entries on a line."""
     text = json.dumps(content, indent=1, ensure_ascii=False)
     text = ON_ONE_LINE.sub(lambda found: " ".join(found[0].split()), text)
-    path.write_text(text + "\n", encoding="utf-8")
+    write_text(path, text + "\n")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file whole or not at all; a link in its place is replaced, not followed."""
+    partial = _partial(path)
+    partial.write_text(text, encoding="utf-8")
+    os.replace(partial, path)
+
+
+def _partial(path: Path) -> Path:
+    """Where a file is written before it takes its place: never what a link there leads to."""
+    partial = path.with_name(path.name + ".partial")
+    partial.unlink(missing_ok=True)
+    return partial
 
 
 def read_json(path: Path) -> dict:
@@ -32,6 +46,6 @@ def entries(result: dict) -> dict[str, dict]:
 def replace(source: Path, target: Path) -> None:
     """Put a copy of a file in another's place, whole or not at all."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    partial = target.with_name(target.name + ".partial")
+    partial = _partial(target)
     shutil.copyfile(source, partial)
     os.replace(partial, target)

@@ -32,21 +32,24 @@ def latex(results: Sequence[dict], timings: Sequence[dict] = ()) -> dict[str, st
             for name, table in result["tables"].items():
                 if f"tab_{name}.tex" in files:
                     raise ValueError(f"table {name!r} of {result['notebook']} is already taken")
-                files[f"tab_{name}.tex"] = latex_table(table)
+                files[f"tab_{name}.tex"] = latex_table(table) + rf"\cellmark{{table@{name}}}" + "\n"
         files[file] = "\n".join(lines) + "\n"
     return files
 
 
 def latex_value(entry: dict) -> str:
     """ "12.3 ± 0.4 m" as LaTeX."""
+    return shown_value(entry, "~").translate(LATEX_CELL)
+
+
+def shown_value(entry: dict, space: str = " ") -> str:
+    """ "12.3 ± 0.4 m", with `space` before the unit."""
     shown = text(entry["value"], entry["format"])
     if entry["value"] is None:
-        return shown.translate(LATEX_CELL)
+        return shown
     if entry.get("standard_error") is not None:
         shown += f" ± {text(entry['standard_error'], entry['format'])}"
-    if entry["unit"]:
-        shown += "~" + entry["unit"]
-    return shown.translate(LATEX_CELL)
+    return shown + (space + entry["unit"] if entry["unit"] else "")
 
 
 def latex_table(table: dict) -> str:

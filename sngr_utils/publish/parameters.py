@@ -7,6 +7,7 @@ A notebook ``notebooks/NN_name.ipynb`` belongs with ``params/NN_name.yaml`` and 
 import difflib
 import importlib
 import os
+import reprlib
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from ruamel.yaml.error import YAMLError
 
 from sngr_utils import paths
 from sngr_utils.publish.notebooks import OUTPUT_DIR, ProjectError, declared_parameters
+
+LARGEST = 1_000_000  # bytes, and entries, that a YAML file may have
 
 
 def read_params(name: str, folder: Path | None = None) -> dict[str, Any]:
@@ -51,9 +54,24 @@ def read_yaml(path: Path) -> Any:
     if not path.exists():
         raise ProjectError(f"{where} is missing")
     try:
-        return YAML(typ="safe", pure=True).load(path)
+        if path.stat().st_size > LARGEST:
+            raise ValueError(f"it has more than {LARGEST} bytes")
+        tree = YAML(typ="safe", pure=True).load(path)
+        _count(tree, 0)
     except (YAMLError, OSError, ValueError, RecursionError) as error:
         raise ProjectError(f"{where} is not valid YAML: {' '.join(str(error).split())}") from error
+    return tree
+
+
+def _count(tree: Any, so_far: int) -> int:
+    """Number of nodes, each alias as often as it stands; few lines of aliases can be billions."""
+    so_far += 1
+    if so_far > LARGEST:
+        raise ValueError(f"its aliases stand for more than {LARGEST} entries")
+    if isinstance(tree, dict | list | set | tuple):
+        for part in [*tree, *tree.values()] if isinstance(tree, dict) else tree:
+            so_far = _count(part, so_far)
+    return so_far
 
 
 def _check_values(where: str, name: str, values: dict[str, Any]) -> None:
@@ -62,7 +80,7 @@ def _check_values(where: str, name: str, values: dict[str, Any]) -> None:
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
-        shown = f"{key} is {first['input']!r}: " if key else ""
+        shown = f"{key} is {reprlib.repr(first['input'])}: " if key else ""
         raise ProjectError(f"{where}: {shown}{first['msg']}") from error
 
 

@@ -21,14 +21,15 @@ def results_in(folder: Path) -> dict[str, dict]:
         for path in (folder / f"{name}.json", folder / f"{name}.timings.json"):
             if path.exists():
                 try:
-                    merged |= _entries_in(path)
+                    merged |= entries_in(path)
                 except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
                     where = os.path.relpath(path, paths.ROOT)
                     raise ProjectError(f"{where} is damaged: {error!r}") from error
     return merged
 
 
-def _entries_in(path: Path) -> dict[str, dict]:
+def entries_in(path: Path) -> dict[str, dict]:
+    """Key -> entry of one file, as a notebook saves it or as the reference keeps it."""
     content = read_json(path)
     found = entries(content) if "values" in content else content
     if not all("value" in entry for entry in found.values()):

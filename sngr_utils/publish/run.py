@@ -2,13 +2,14 @@
 
 import json
 import os
+import re
 from pathlib import Path
 from typing import Any
 
 from sngr_utils import paths
-from sngr_utils.publish import claims, execution, notebooks
-from sngr_utils.publish.files import read_json, replace, write_json
-from sngr_utils.publish.freshness import STAMP, digest, file_digest, is_fresh, relative
+from sngr_utils.publish import claims, execution, links, notebooks
+from sngr_utils.publish.files import read_json, replace, write_json, write_text
+from sngr_utils.publish.freshness import MALFORMED, STAMP, digest, file_digest, is_fresh, relative
 from sngr_utils.publish.notebooks import ProjectError
 from sngr_utils.publish.parameters import read_params
 from sngr_utils.publish.results import results_in
@@ -19,13 +20,14 @@ CLOCKS = (".timings.json", "_timing.pdf", "_timing.png")  # ends of names of fil
 def check() -> dict[str, dict[str, Any]]:
     """Check the parameters of all notebooks, the quick ones too; returns the full ones.
 
-    Also what is not read before all notebooks have run: the claims, the printed values, and the
-    reference they are compared with.
+    Also what is not read before all notebooks have run: the claims, the printed values, the
+    address that links are made of, and the reference that results are compared with.
     """
     for name in notebooks.names():
         read_params(name, paths.PARAMS / "quick")
     params = {name: read_params(name) for name in notebooks.names()}
     claims.check()
+    links.repository()
     results_in(paths.REFERENCE)
     return params
 
@@ -64,9 +66,8 @@ def publish(name: str, run: Path) -> None:
         copies[paths.RESULTS / clocks.name] = clocks
     for target, source in copies.items():
         replace(source, target)
-    for old in paths.FIGURES.glob(f"{name}_*"):
-        if old.name not in result["figures"]:
-            old.unlink()  # a figure the notebook no longer draws
+    for old in _drawn_before(name) - set(result["figures"]):
+        (paths.FIGURES / old).unlink(missing_ok=True)
     files = {
         relative(target): "" if target.name.endswith(CLOCKS) else file_digest(target)
         for target in copies
@@ -74,9 +75,16 @@ def publish(name: str, run: Path) -> None:
     made_from = read_json(run / STAMP)["inputs"]
     result["provenance"] = {"inputs": made_from, "content": digest(result), "files": files}
     paths.RESULTS.mkdir(parents=True, exist_ok=True)
-    partial = paths.RESULTS / f"{name}.json.partial"
-    write_json(partial, result)
-    os.replace(partial, paths.RESULTS / f"{name}.json")
+    write_json(paths.RESULTS / f"{name}.json", result)
+
+
+def _drawn_before(name: str) -> set[str]:
+    """The figures that the results published so far name; nothing else is ever removed."""
+    try:
+        figures = read_json(paths.RESULTS / f"{name}.json")["figures"]
+        return {file for file in figures if re.fullmatch(rf"{name}_\w+\.(pdf|png)", file)}
+    except MALFORMED:
+        return set()
 
 
 def run_quick(name: str) -> None:
@@ -144,13 +152,14 @@ def write_latex() -> None:
             timings.append(read_json(clocks))
     judged = verdict_tables.judged(results_in(paths.RESULTS))
     files = latex.latex([*results, verdict_tables.result(judged)], timings)
+    files["sources.tex"] = links.latex()
     files["claims_full.tex"] = verdict_tables.chunks(judged[claims.read().reading])
     folder = paths.PAPER / "generated"
     folder.mkdir(exist_ok=True)
-    for old in folder.iterdir():
+    for old in folder.glob("tab_*.tex"):
         if old.name not in files:
-            old.unlink()
+            old.unlink()  # a table that no notebook makes any more
     for file, content in files.items():
         path = folder / file
-        if not path.exists() or path.read_text(encoding="utf-8") != content:
-            path.write_text(content, encoding="utf-8")
+        if not path.is_file() or path.read_bytes() != content.encode():
+            write_text(path, content)

@@ -89,6 +89,11 @@ def remove(file):
     return lambda project: (project / file).unlink()
 
 
+BOMB = "seed: &a0 [0]\n" + "".join(
+    f"x{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 12)
+)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -102,6 +107,14 @@ def remove(file):
         ("seed: 0", "seed: 0\nseed: 1", "not valid YAML.*duplicate key"),
         ("seed: 0", "seed: [0", "not valid YAML"),
         ("measured_range: 3.0", "measured_range: 1.0", "measured_range is 1.0: it must exceed"),
+        ("seed: 0", "seed:\t0\n\tx: 1", "not valid YAML"),
+        ("seed: 0", "seed: !!python/object/apply:os.getcwd []", "not valid YAML"),
+        ("seed: 0", "seed: &a [*a]", "not valid YAML"),
+        ("seed: 0", "seed: " + "[" * 5000, "not valid YAML"),
+        ("seed: 0", "seed: 0 #" + "x" * 1_000_000, "not valid YAML: it has more than 1000000 b"),
+        ("seed: 0", BOMB, "not valid YAML: its aliases stand for more than 1000000 entries"),
+        ("seed: 0", "seed: 0\nnull: 1", "unknown key None"),
+        ("seed: 0", "seed: 0\n[1]: 1", "unknown key|not valid YAML"),
     ],
 )
 def test_bad_parameters_name_file_and_key(project, capsys, old, new, message):
@@ -336,6 +349,57 @@ def test_a_malformed_file_is_not_fresh(published, file):
     assert freshness.is_fresh(NAME, params)
 
 
+@pytest.mark.parametrize("file", [RESULT, EXECUTED, FIGURE])
+@pytest.mark.parametrize("end", ["", ".partial"])
+def test_a_link_is_replaced_and_not_written_through(published, tmp_path_factory, file, end):
+    """What a link in build/ or figures/ leads to is not the project's."""
+    precious = tmp_path_factory.mktemp("elsewhere") / "precious"
+    precious.write_text("kept")
+    (published / (file + end)).unlink(missing_ok=True)
+    (published / (file + end)).symlink_to(precious)
+    run.publish(NAME, next(paths.RUNS.iterdir()))
+    assert precious.read_text() == "kept"
+    assert (published / file).is_file()
+    assert not (published / file).is_symlink()
+    assert freshness.is_fresh(NAME, parameters.read_params(NAME))
+
+
+def test_a_link_in_place_of_a_lock_is_not_opened(published, capsys):
+    (published / "precious").write_text("kept")
+    (published / f"build/.{NAME}.lock").unlink()
+    (published / f"build/.{NAME}.lock").symlink_to(published / "precious")
+    edit(published, "seed: 0", "seed: 1")
+    assert main(["notebook", NAME]) == 1
+    assert re.match(rf"error: .*\.{NAME}\.lock: .*; published", capsys.readouterr().err)
+    assert (published / "precious").read_text() == "kept"
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (OSError(28, "No space left on device", "build/x"), "build/x: No space left on device"),
+        (OSError(30, "Read-only file system"), "Read-only file system"),
+        (MemoryError(), "MemoryError"),
+    ],
+)
+def test_what_the_machine_refuses_is_a_sentence(monkeypatch, capsys, error, told):
+    def refuse():
+        raise error
+
+    monkeypatch.setattr(run, "check", refuse)
+    assert main(["check"]) == 1
+    assert capsys.readouterr().err == f"error: {told}; published results are untouched\n"
+
+
+def test_a_silent_kernel_is_a_sentence(project, monkeypatch, capsys):
+    def silent(*args, **kwargs):
+        raise RuntimeError("Kernel didn't respond in 60 seconds")
+
+    monkeypatch.setattr("papermill.execute_notebook", silent)
+    assert main(["notebook", NAME]) == 1
+    assert "the kernel did not start: Kernel didn't respond" in capsys.readouterr().err
+
+
 def test_a_dead_kernel_is_a_sentence(project, capsys):
     write_notebook(project, declared_cell(project), "import os; os._exit(3)")
     assert main(["notebook", NAME]) == 1
@@ -455,11 +519,14 @@ def test_notebook_that_saves_nothing_is_an_error(project):
 
 
 def test_figures_no_longer_drawn_are_removed(published):
+    """And nothing that no run has made."""
+    (paths.FIGURES / f"{NAME}_mine.pdf").write_text("mine")
     write_notebook(published, declared_cell(published), BODY.replace('"f")', '"g")'))
     run.run_notebook(NAME)
     assert sorted(p.name for p in paths.FIGURES.iterdir()) == [
         f"{NAME}_f_timing.pdf",
         f"{NAME}_g.pdf",
+        f"{NAME}_mine.pdf",
     ]
 
 

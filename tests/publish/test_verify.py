@@ -216,6 +216,7 @@ def test_an_altered_reference_is_noticed(tmp_path, monkeypatch, capsys, damage, 
     monkeypatch.setattr(notebooks, "names", lambda: ["01_bimodal"])
     monkeypatch.setattr(paths, "BUILD", tmp_path)
     monkeypatch.setattr(paths, "REFERENCE", tmp_path)
+    monkeypatch.setattr(paths, "VERIFIED", tmp_path / "verified.json")
     to = report.Report("01_bimodal", tmp_path / "verify/01_bimodal")
     to.value("v", 1.0)
     to.sample("s", [1.0, 2.0, 3.0])
@@ -229,6 +230,7 @@ def test_an_altered_reference_is_noticed(tmp_path, monkeypatch, capsys, damage, 
     shown = capsys.readouterr().out
     assert shown.count("BREACH") == breaches
     assert f"{breaches} outside their tolerance" in shown
+    assert paths.VERIFIED.exists() == (breaches == 0)  # only what held is written down
 
 
 def test_there_is_a_reference_for_every_notebook():

@@ -1,0 +1,158 @@
+"""Trace a number, table or figure of the paper to the cell, parameters and code behind it."""
+
+import difflib
+import json
+import re
+from collections.abc import Iterator
+
+from sngr_utils import paths
+from sngr_utils.publish import claims, notebooks, results, verified
+from sngr_utils.publish.files import read_json
+from sngr_utils.publish.freshness import inputs, is_fresh
+from sngr_utils.publish.notebooks import ProjectError
+from sngr_utils.publish.parameters import read_params
+from sngr_utils.publish.trace import Cell, handed_on, made_in, recording
+
+Line = tuple[str, str]
+
+
+def why(name: str) -> str:
+    """All that is known of a key of `\\res`, of a table, or of a figure, as aligned lines.
+
+    Raises
+    ------
+    ProjectError : nothing has that name; says which names are near
+    """
+    lines = list(_of_value(name) or _of_shown(name) or _of_verdicts(name))
+    if not lines:
+        raise ProjectError(_unknown(name))
+    return "\n".join([name, *(f"  {label:<11}{text}" for label, text in lines)])
+
+
+def _of_value(key: str) -> list[Line]:
+    """Lines on a value; none if no notebook hands it on."""
+    for notebook in notebooks.names():
+        entry, where = _entry(notebook, key)
+        if entry:
+            direct = handed_on(notebook).get(("value", key))
+            cells = [direct] if direct else recording(notebook)
+            found = [*_number(entry), ("read from", where), *_cells(cells), *_made(notebook)]
+            return [*found, *_places(rf"\\res\{{{re.escape(key)}\}}", key), *_claims(key)]
+    return []
+
+
+def _of_shown(name: str) -> list[Line]:
+    """Lines on a table, or on a figure by the name of its file or the notebook's own for it."""
+    for notebook in notebooks.names():
+        for (kind, what), cell in handed_on(notebook).items():
+            names = {what, f"{notebook}_{what}"} if kind == "figure" else {what}
+            if kind != "value" and name.split(".pdf")[0] in names:
+                asked = rf"\\tab\{{{re.escape(what)}\}}|generated/tab_{re.escape(what)}\}}"
+                if kind == "figure":
+                    asked = rf"\\fig\{{{notebook}\}}\{{{re.escape(what)}\}}"
+                found = [("kind", f"{kind} of notebook {notebook}"), *_cells([cell])]
+                return [*found, *_made(notebook), *_places(asked, f"{notebook}_{what}")]
+    return []
+
+
+def _of_verdicts(name: str) -> list[Line]:
+    """Lines on what is counted from the verdicts and no notebook hands on."""
+    if not name.startswith(("claims.", "claims_")):
+        return []
+    asked = rf"(\\res\{{|\\tab\{{|generated/(tab_)?){re.escape(name)}\}}"
+    counted = (
+        "counted from the verdicts on paper/claims.yaml (sngr_utils/publish/verdict_tables.py)"
+    )
+    return [("kind", counted), *_places(asked, name)]
+
+
+def _entry(notebook: str, key: str) -> tuple[dict | None, str]:
+    """A value as it was last made: from the results at hand if fresh, else from the reference."""
+    for folder in (paths.RESULTS, paths.REFERENCE):
+        for path in (folder / f"{notebook}.json", folder / f"{notebook}.timings.json"):
+            found = results.entries_in(path).get(key) if path.exists() else None
+            if found and (folder == paths.REFERENCE or is_fresh(notebook, read_params(notebook))):
+                return found, path.relative_to(paths.ROOT).as_posix()
+    return None, ""
+
+
+def _number(entry: dict) -> Iterator[Line]:
+    from sngr_utils.publish.latex import shown_value  # pandas
+
+    yield "value", f"{shown_value(entry)}, in full {entry['value']!r}; sample size {entry['n']}"
+    error = entry.get("standard_error")
+    yield (
+        "error",
+        "none: not a mean over worlds" if error is None else f"standard error {error:.3g}",
+    )
+    told = entry.get("tolerance", {"kind": "exact", "size": 0})
+    unit = entry["unit"] or "in its unit"
+    sizes = {"exact": "exactly the same", "absolute": f"within {told['size']:g} {unit}"}
+    yield "tolerance", sizes.get(told["kind"], f"within {told['size']:g} {told['kind']}")
+
+
+def _cells(cells: list[Cell]) -> Iterator[Line]:
+    """The cells that hand it on, and those before that make what they use."""
+    for cell in cells:
+        lines = cell.source.split("\n")
+        handing = [i for i, line in enumerate(lines) if "paper" in line and ".save(" not in line]
+        yield "cell", _place(cell, handing[-1] if handing else 0)
+        for earlier in made_in(cell):
+            yield "made in", _place(earlier, 0)
+
+
+def _place(cell: Cell, i: int) -> str:
+    text = cell.source.split("\n")[i]
+    return f"notebooks/{cell.notebook}.ipynb [{cell.number}], line {cell.line + i}: {text}"
+
+
+def _made(notebook: str) -> Iterator[Line]:
+    """Parameters, seeds, fingerprints, and when the notebook was last verified."""
+    params = read_params(notebook)
+    told = {key: json.dumps(value) for key, value in params.items()}
+    yield (
+        "parameters",
+        f"params/{notebook}.yaml: " + ", ".join(f"{k} = {v}" for k, v in told.items()),
+    )
+    seeds = [f"{key} = {value}" for key, value in told.items() if "seed" in key]
+    yield "seeds", ", ".join(seeds) or "none"
+    hashes, stem = inputs(notebook, params), notebook.split("_", 1)[1]
+    marks = ", ".join(f"{part} {hashes[part]}" for part in ("package", "notebook", "lock"))
+    yield "code", f"sngr_utils/{stem}.py, sngr_utils/show/{stem}.py and what they import: {marks}"
+    yield "verified", verified.last(notebook, hashes)
+
+
+def _places(pattern: str, plain: str) -> Iterator[Line]:
+    """Lines of the paper that ask for a thing, and of the README that name it."""
+    section, found = "preamble", False
+    for number, line in enumerate(_text("paper/sngr.tex"), start=1):
+        heading = re.search(r"\\(?:sub)?section\*?\{([^}]*)\}|\\begin\{(abstract)\}", line)
+        section = (heading[1] or heading[2]) if heading else section
+        if re.search(pattern, line):
+            found = True
+            yield "paper", f"paper/sngr.tex:{number}, section {section!r}"
+    if not found:
+        yield "paper", "paper/sngr.tex does not show it"
+    for number, line in enumerate(_text("README.md"), start=1):
+        if re.search(rf"(?<![\w.]){re.escape(plain)}(?![\w])", line):
+            yield "README", f"README.md:{number}"
+
+
+def _text(file: str) -> list[str]:
+    return (paths.ROOT / file).read_text(encoding="utf-8").split("\n")
+
+
+def _claims(key: str) -> Iterator[Line]:
+    """The claims of the original that a value judges, with the verdict committed."""
+    committed = read_json(paths.VERDICTS)[claims.read().reading]
+    for claim in claims.resting_on(key):
+        verdict = committed.get(claim, "no verdict yet: make reference").split(" | ")[-1]
+        yield "claim", f"paper/claims.yaml {claim!r}: {verdict}"
+
+
+def _unknown(name: str) -> str:
+    known = list(results.results_in(paths.REFERENCE))
+    known += [what for book in notebooks.names() for _, what in handed_on(book)]
+    near = difflib.get_close_matches(name, known, n=3)
+    hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
+    return f"no notebook hands on a value, table or figure {name!r}{hint}"
