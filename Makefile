@@ -59,6 +59,7 @@ help:
 	@echo 'make bench      time the engines side by side, with their errors'
 	@echo 'make verify     re-run everything aside and compare with paper/reference'
 	@echo 'make setup      the Python environment only (.venv)'
+	@echo 'make site       the web site, in build/site; make test-site looks at it in a browser'
 	@echo 'make lint       ruff, imports between rooms, and how long each notebook takes to read'
 	@echo 'make student    the notebooks without their solutions, into build/student'
 	@echo 'make lock       resolve pyproject.toml into environment.lock again (needs uv)'
@@ -145,6 +146,18 @@ coverage: check
 	@$(PY) -m pytest tests --cov=sngr_utils --cov-report=term-missing:skip-covered \
 	  --cov-fail-under=90
 
+# The web site, from the committed notebooks as they are; open build/site/index.html.
+.PHONY: site test-site
+site: setup
+	@bash scripts/setup_site.sh
+	@$(PY) docs/site/assemble.py
+	@rm -rf build/site
+	@$(PY) -m sphinx -q -W -E -c docs/site -d build/cache/site build/site-source build/site
+
+test-site: site
+	@bash scripts/install_browser.sh
+	@$(PY) -m pytest tests/site
+
 # A study that stands outside `make paper`: make study/NAME, as often as it is interrupted.
 study/%: setup
 	@$(RUN) study $*
@@ -168,6 +181,8 @@ lock:
 	@command -v uv > /dev/null || { echo 'make lock needs uv on the PATH' >&2; exit 1; }
 	uv pip compile --quiet --universal --fork-strategy fewest --generate-hashes --no-annotate \
 	  --no-header --python-version 3.11 --group dev pyproject.toml -o environment.lock
+	uv pip compile --quiet --universal --fork-strategy fewest --generate-hashes --no-annotate \
+	  --no-header --python-version 3.11 --group site -c environment.lock -o docs/site/requirements.lock
 
 clean:
 	rm -rf build paper/generated paper/sngr.pdf .pytest_cache .ruff_cache .coverage
