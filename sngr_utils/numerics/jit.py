@@ -9,6 +9,7 @@ import hashlib
 from pathlib import Path
 
 import numba
+import numba.extending
 
 from sngr_utils import paths
 
@@ -24,3 +25,6 @@ numba.config.CACHE_DIR = str(paths.BUILD / "cache" / "numba" / fingerprint(paths
 
 # No Python objects inside, so threads run in parallel; x / 0 is inf, as in NumPy.
 compile_once = numba.njit(cache=True, nogil=True, error_model="numpy")
+
+# Python where Python calls it, with arrays too; compiled into what is compiled.
+also_compile_once = numba.extending.register_jitable
