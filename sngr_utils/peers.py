@@ -79,7 +79,7 @@ def pull(config: Config, distances: np.ndarray) -> tuple[np.ndarray, dict[str, n
 
 
 def ambiguous(config: Config) -> Ambiguous:
-    """The range of the first world whose source EM is least sure of, as each mixture sees it."""
+    """The range of the first world whose source is most open under EM, as each mixture sees it."""
     from sngr_utils.experiments import one_range
 
     return one_range.ambiguous(config.scenario, config.p_starts[0], config.first_seed)

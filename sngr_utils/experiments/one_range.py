@@ -91,7 +91,7 @@ class Ambiguous:
 
 
 def ambiguous(scenario: Scenario, p: float, seed: int) -> Ambiguous:
-    """The range of a world whose source EM is least sure of, as each mixture sees it."""
+    """The range of a world whose source is most open under EM, as each mixture sees it."""
     conventions = PRESETS[READING]
     the_world = simulation.simulate(scenario, p, rng=np.random.default_rng(seed))
     found = em.estimate(the_world, conventions, "grid", exclusive=False)

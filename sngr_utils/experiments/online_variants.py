@@ -152,8 +152,8 @@ class Frame:
     Attributes
     ----------
     truth, poses, plain : (T, 2) true positions, ours, and plain iSAM2's, so far, [m]
-    landmarks : (K, 2) ours, [m]; NaN for one that waits
-    clouds : landmark that waits -> (P, 2) places from its posterior, [m]
+    landmarks : (K, 2) ours, [m]; NaN for one not yet initialised
+    clouds : landmark not yet initialised -> (P, 2) places from its posterior, [m]
     label_of, used, source_of : of the ranges of the newest pose: the landmark it is labelled
         with, the one it is credited to (-1 for none), and the one it came from
     true_landmarks : (K, 2), [m]

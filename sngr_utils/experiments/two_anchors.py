@@ -11,15 +11,15 @@ from sngr_utils.sampling import ancestral_priors, weighted_samples
 from sngr_utils.sampling.modes import find_modes, ring_starts
 from sngr_utils.sampling.reference import landmark_reference
 from sngr_utils.sampling.targets.landmark import Landmark
+from sngr_utils.world.two_anchors import TwoAnchors
 
-DISTANCE, RANGE, SIGMA, PRIOR = 4.0, 3.0, 0.2, 10.0  # [m]
+SCENE = TwoAnchors()
 
 
 def posterior() -> Landmark:
     """The landmark: two known anchors, a range from each."""
-    positions = np.array([[0.0, 0.0], [DISTANCE, 0.0]])
-    return Landmark(positions, np.zeros((4, 4)), np.full(2, RANGE), SIGMA,
-                    positions.mean(axis=0), PRIOR)  # fmt: skip
+    return Landmark(SCENE.anchors, np.zeros((4, 4)), np.full(2, SCENE.measured_range),
+                    SCENE.range_sigma, SCENE.saddle, SCENE.landmark_prior_sigma)  # fmt: skip
 
 
 def start_at(place: str) -> tuple[np.ndarray, np.ndarray]:
@@ -28,9 +28,8 @@ def start_at(place: str) -> tuple[np.ndarray, np.ndarray]:
     At the saddle the paper's solver stays. The covariance it reports there is that of the
     landmark's own prior, in the direction in which the landmark could be on either side.
     """
-    target, height = posterior(), np.sqrt(RANGE**2 - DISTANCE**2 / 4)
-    start = target.centre + np.array([0.0, height if place == "mode" else 0.0])
-    return start, target.gauss_newton_covariance(start)
+    start = SCENE.modes[0] if place == "mode" else SCENE.saddle
+    return start, posterior().gauss_newton_covariance(start)
 
 
 def runs_from(n_live: int, seed: int, place: str) -> dict[str, weighted_samples.WeightedSamples]:

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from sngr_utils.sampling import engines, importance, laplace
-from sngr_utils.sampling.importance import find_modes
+from sngr_utils.sampling.importance import modes_of_factors
 from sngr_utils.sampling.settings import FastSettings, SamplerSettings
 from sngr_utils.sampling.targets import compiled
 from sngr_utils.slam import levenberg_marquardt
@@ -108,7 +108,7 @@ def attainable_gain(solution: Solution, t: int, factor: float = 1.0) -> float:
     cholesky = np.linalg.cholesky(covariance)
     flat = factors._replace(quadratic=-np.linalg.inv(covariance))  # takes the search's prior back
     rotated = cholesky.T @ flat.quadratic @ cholesky
-    modes = find_modes(flat, cholesky, rotated, np.zeros((1, 9)), factors.n_residuals)[0]
+    modes = modes_of_factors(flat, cholesky, rotated, np.zeros((1, 9)), factors.n_residuals)[0]
     if not len(modes):
         return float("nan")
     reached = compiled.log_likelihood(factors, cholesky @ modes[0])

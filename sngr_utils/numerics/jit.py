@@ -10,6 +10,7 @@ import warnings
 from pathlib import Path
 
 import numba
+import numba.extending
 
 from sngr_utils import paths
 
@@ -30,3 +31,6 @@ if numba.config.DISABLE_JIT:
 
 # No Python objects inside, so threads run in parallel; x / 0 is inf, as in NumPy.
 compile_once = numba.njit(cache=True, nogil=True, error_model="numpy")
+
+# Python where Python calls it, with arrays too; compiled into what is compiled.
+also_compile_once = numba.extending.register_jitable

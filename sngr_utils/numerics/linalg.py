@@ -14,47 +14,43 @@ def invert(matrix):
     Returns the first row at which it is not positive definite, -1 if it is.
     """
     n = len(matrix)
-    for j in range(n):  # Cholesky: matrix = U^T U
-        for k in range(j):
-            matrix[j, j] -= matrix[k, j] * matrix[k, j]
-        if not matrix[j, j] > 0.0:
-            return j
-        matrix[j, j] = math.sqrt(matrix[j, j])
-        for i in range(j + 1, n):
-            for k in range(j):
-                matrix[j, i] -= matrix[k, i] * matrix[k, j]
-            matrix[j, i] /= matrix[j, j]
-    for j in range(n):  # U^-1, in the same triangle
+    for i in range(n):
+        for j in range(i):
+            matrix[i, j] = matrix[j, i]
+    failed = factorise(matrix)
+    if failed >= 0:
+        return failed
+    for j in range(n):  # L^-1, in the same triangle
         matrix[j, j] = 1.0 / matrix[j, j]
         for i in range(j + 1, n):
             total = 0.0
             for k in range(j, i):
-                total += matrix[k, i] * matrix[j, k]
-            matrix[j, i] = -total / matrix[i, i]
+                total += matrix[i, k] * matrix[k, j]
+            matrix[i, j] = -total / matrix[i, i]
     for j in range(n):
         for i in range(j, n):
             total = 0.0
             for k in range(i, n):
-                total += matrix[i, k] * matrix[j, k]
+                total += matrix[k, i] * matrix[k, j]
             matrix[i, j] = matrix[j, i] = total
     return -1
 
 
 @compile_once
 def factorise(matrix):
-    """Lower Cholesky factor in place; False if the matrix is not positive definite."""
+    """Lower Cholesky factor of a symmetric matrix, in its lower triangle; returns as `invert`."""
     for i in range(len(matrix)):
         for j in range(i + 1):
             total = matrix[i, j]
             for k in range(j):
                 total -= matrix[i, k] * matrix[j, k]
-            if i == j:
-                if total <= 0:
-                    return False
+            if i > j:
+                matrix[i, j] = total / matrix[j, j]
+            elif total > 0.0:
                 matrix[i, i] = math.sqrt(total)
             else:
-                matrix[i, j] = total / matrix[j, j]
-    return True
+                return i
+    return -1
 
 
 @compile_once

@@ -13,6 +13,7 @@ from sngr_utils.online import data_association, localisation
 from sngr_utils.online.belief import SLIP_SIGMA, Belief
 from sngr_utils.robust import association
 from sngr_utils.sampling.targets import place
+from sngr_utils.slam import range_density
 
 SLIP_ODDS = np.log(100.0)  # nats that a slip must gain: one step in a hundred slips
 ROUGH = 3.0  # nats that a rough evidence may miss; within them it is computed well
@@ -45,8 +46,8 @@ def find_robot(belief: Belief, by_nested: bool, *, rng: np.random.Generator) -> 
         belief.landmarks[k], data.ranges[m], own + data.scenario.range_sigma**2, 1 - prior,
         data.ranges.max(), belief.poses[-1, :2], sigma if lost else SLIP_SIGMA,
     )  # fmt: skip
-    here = np.exp(-0.5 * found.squared[m, k]) / np.sqrt(2 * np.pi * found.variances[m, k])
-    trusted = np.log(prior * here + (1 - prior) / data.ranges.max()).sum()
+    given = found.squared[m, k], found.variances[m, k], 1 - prior, data.ranges.max()
+    trusted = np.log(range_density.density(*given)).sum()
     if not lost and localisation.rough_evidence(evidence) - trusted < SLIP_ODDS - ROUGH:
         return
     belief.counts["position questions"] += 1

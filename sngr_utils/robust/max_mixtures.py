@@ -12,7 +12,7 @@ import numpy as np
 from gtsam.symbol_shorthand import L, X
 
 from sngr_utils.robust import association, losses
-from sngr_utils.slam import levenberg_marquardt
+from sngr_utils.slam import levenberg_marquardt, range_density
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.factors import sure_factors
 from sngr_utils.slam.solution import Solution, values_of
@@ -22,7 +22,7 @@ COMPONENTS = {
     "null": "the labelled landmark, or a null hypothesis as wide as the ranges differ",
     "all": "the labelled landmark, or any other one",
 }
-WRONG_SHARE = 0.5  # weight of all but the label: right or wrong alike, as in the grid's start
+WRONG_SHARE = range_density.OUTLIER_SHARE  # weight of all but the label, as in the grid's start
 MAX_ROUNDS = 100
 
 Choice = tuple[np.ndarray, np.ndarray]  # (M,) landmark and (M,) sigma [m] of each range

@@ -98,7 +98,7 @@ def _distance(lower, z, mode, work):
 
 
 @compile_once
-def find_modes(factors, cholesky, rotated, starts, n_residuals):
+def modes_of_factors(factors, cholesky, rotated, starts, n_residuals):
     """Levenberg-Marquardt from every start; the distinct modes it ends in.
 
     A start that comes within `SAME_MODE` of a known mode is taken to end there.
@@ -137,7 +137,7 @@ def find_modes(factors, cholesky, rotated, starts, n_residuals):
                 damped[:] = hessian
                 for i in range(d):
                     damped[i, i] += damping * max(hessian[i, i], 1e-3)
-                if factorise(damped):
+                if factorise(damped) < 0:
                     trial[:] = slope
                     solve_lower(damped, trial)
                     gain = 0.0
@@ -159,7 +159,7 @@ def find_modes(factors, cholesky, rotated, starts, n_residuals):
                 break
             z[:], value, damping = trial, there, 0.1 * damping
             if gain < 1e-4:  # a hundredth of a standard deviation
-                if factorise(hessian) and found < MAX_MODES:
+                if factorise(hessian) < 0 and found < MAX_MODES:
                     modes[found], lowers[found], masses[found] = z, hessian, -value
                     for i in range(d):
                         masses[found] -= math.log(hessian[i, i])
@@ -255,7 +255,7 @@ def sample(
         begin = np.linalg.solve(cholesky, starts.T).T.copy()
     has_more = len(factors.quadratic) > 0
     rotated = cholesky.T @ factors.quadratic @ cholesky if has_more else np.zeros((0, d))
-    modes, lowers, masses, converged, evaluations = find_modes(
+    modes, lowers, masses, converged, evaluations = modes_of_factors(
         factors, cholesky, rotated, begin, factors.n_residuals
     )
     if len(modes) == 0:

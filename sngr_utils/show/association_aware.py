@@ -149,7 +149,7 @@ def draw_frame(ax: Axes, frame) -> None:
     """What is believed at one pose (`online_variants.Frame`), and the ranges of that pose.
 
     A line goes from the pose to the landmark that a range is credited to: green if that is its
-    label's, orange if it was swapped; red and dotted to its label's if it is credited to none.
+    label's, orange if it was swapped; red and dotted to its label's if it is not associated.
     """
     for cloud in frame.clouds.values():
         ax.plot(*cloud.T, ".", ms=0.8, color=style.PRIOR, alpha=0.4)

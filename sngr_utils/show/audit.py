@@ -15,7 +15,7 @@ from sngr_utils.experiments import isam2_over_worlds
 from sngr_utils.experiments.window_studies import WindowStudies
 from sngr_utils.metrics import standard_error, summaries
 from sngr_utils.publish import report
-from sngr_utils.publish.cells import NONE, cell, interval, mean_error, number, with_error
+from sngr_utils.publish.cells import NONE, Cell, cell, interval, mean_error, number, with_error
 from sngr_utils.show import methods, style
 from sngr_utils.show.common import legend_above
 from sngr_utils.show.style import WRONG_LABEL
@@ -28,12 +28,12 @@ def by_preset(
 ) -> pd.DataFrame:
     """Mean and 95 % interval of a column, p down and presets across, beside printed values."""
     table = summaries.summary(frame, value)
-    presets, rows = list(dict.fromkeys(table["preset"])), []
-    for p, group in table.groupby("p", sort=False):
-        cells = [interval(row, fmt) for _, row in group.iterrows()]
-        rows.append([f"{p:g}", *([t(printed.get(p), fmt)] if printed is not None else []), *cells])
-    heads = ["p", *(["printed"] if printed is not None else []), *presets]
-    return pd.DataFrame(rows, columns=heads)
+    return pd.DataFrame([
+        {"p": f"{p:g}"}
+        | ({} if printed is None else {"printed": t(printed.get(p), fmt)})
+        | {row["preset"]: interval(row, fmt) for _, row in group.iterrows()}
+        for p, group in table.groupby("p", sort=False)
+    ])
 
 
 def detection_table(detections: pd.DataFrame, runs: pd.DataFrame, tau: float) -> pd.DataFrame:
@@ -45,8 +45,8 @@ def detection_table(detections: pd.DataFrame, runs: pd.DataFrame, tau: float) ->
     rates = summaries.summary(runs, "base_rate")
     rows = []
     for i, row in rates.iterrows():
-        cells = [interval(columns[name].loc[i], fmt) for name, fmt in names.items()]
-        rows.append([row["preset"], f"{row['p']:g}", *cells[:2], t(row["mean"]), *cells[2:]])
+        shown = [interval(columns[name].loc[i], fmt) for name, fmt in names.items()]
+        rows.append([row["preset"], f"{row['p']:g}", *shown[:2], t(row["mean"]), *shown[2:]])
     heads = ["preset", "p", "triggered", "precision", "base rate", "above base rate, paired",
              "recall", "MCC"]  # fmt: skip
     return pd.DataFrame(rows, columns=heads)
@@ -54,48 +54,53 @@ def detection_table(detections: pd.DataFrame, runs: pd.DataFrame, tau: float) ->
 
 def silent_table(detections: pd.DataFrame) -> pd.DataFrame:
     """Share of clean worlds in which nothing fires, and the most that fire, per threshold."""
-    clean = detections[detections["p"] == 0]
     rows = []
-    for tau, at in clean.groupby("tau"):
-        cells = (
-            cell("{:d} of {:d} ({:d})", (fired == 0).sum(), len(fired), fired.max())
-            for _, fired in at.groupby("preset")["triggered"]
-        )
-        rows.append([t(tau), *cells])
-    presets = sorted(set(clean["preset"]))
-    heads = ["tau", *(f"{name}: silent worlds (most triggers)" for name in presets)]
-    return pd.DataFrame(rows, columns=heads)
+    for tau, at in detections[detections["p"] == 0].groupby("tau"):
+        rows.append({"tau": t(tau)})
+        for preset, fired in at.groupby("preset")["triggered"]:
+            silent = cell("{:d} of {:d} ({:d})", (fired == 0).sum(), len(fired), fired.max())
+            rows[-1][f"{preset}: silent worlds (most triggers)"] = silent
+    return pd.DataFrame(rows)
 
 
 def auc_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """`isam2_over_worlds.auc_rows` as text."""
-    shown = [
-        [
-            row["preset"], f"{row['p']:g}", t(row["pooled"]),
-            interval(row.rename({"within": "mean", "worlds": "n"})),
-            row["worlds"], t(row["average_precision"]), t(row["base_rate"]),
-        ]
-        for _, row in rows.assign(missing=0).iterrows()
-    ]  # fmt: skip
-    heads = ["preset", "p", "pooled AUC", "AUC within worlds", "worlds", "average precision",
-             "base rate"]  # fmt: skip
-    return pd.DataFrame(shown, columns=heads)
+    """`isam2_over_worlds.auc_rows` as it is shown."""
+    within = rows.assign(missing=0, mean=rows["within"], n=rows["worlds"])
+    return pd.DataFrame({
+        "preset": rows["preset"],
+        "p": rows["p"].map("{:g}".format),
+        "pooled AUC": rows["pooled"].map(t),
+        "AUC within worlds": within.apply(interval, axis=1),
+        "worlds": rows["worlds"],
+        "average precision": rows["average_precision"].map(t),
+        "base rate": rows["base_rate"].map(t),
+    })
 
 
 def units_table(scores: pd.DataFrame) -> pd.DataFrame:
     """What the score becomes in centimetres, and how constant its smaller eigenvalue is."""
     rows = []
     for preset, found in scores.query("eligible").groupby("preset", sort=False):
-        shift = found["score_cm"] - found["score"]
-        low = found["log_lambda_min"]
+        shift, low = found["score_cm"] - found["score"], found["log_lambda_min"]
         correlation = np.corrcoef(found["score"], found["log_lambda_max"])[0, 1]
-        rows.append([
-            preset, cell("{:.3f} to {:.3f}", shift.min(), shift.max()),
-            with_error(low.mean(), low.std(), ".3f"), t(correlation, ".4f"),
-        ])  # fmt: skip
-    heads = ["preset", "score in cm less in m", "log10 smallest eigenvalue",
-             "correlation of score and log10 largest"]  # fmt: skip
-    return pd.DataFrame(rows, columns=heads)
+        rows.append({
+            "preset": preset,
+            "score in cm less in m": cell("{:.3f} to {:.3f}", shift.min(), shift.max()),
+            "log10 smallest eigenvalue": with_error(low.mean(), low.std(), ".3f"),
+            "correlation of score and log10 largest": t(correlation, ".4f"),
+        })
+    return pd.DataFrame(rows)
+
+
+def _millimetres(group: pd.DataFrame, after: str, before: str, fmt: str) -> Cell | str:
+    """Mean change of the pose RMSE with its interval."""
+    change = 1e3 * (group[f"{after}_pose_rmse"] - group[f"{before}_pose_rmse"])
+    return interval(summaries.mean_and_errors(change), fmt)
+
+
+def _accepted(group: pd.DataFrame) -> Cell:
+    """Share of the windows that fired, [%]"""
+    return t(100 * group["accepted"].sum() / max(group["triggered"].sum(), 1), ".0f")
 
 
 def gains_table(refined: pd.DataFrame) -> pd.DataFrame:
@@ -104,38 +109,35 @@ def gains_table(refined: pd.DataFrame) -> pd.DataFrame:
     Gains are medians, over worlds where anything fires, of each world's least, median and
     largest; the change of the RMSE is a mean over all worlds, also those where nothing fires.
     """
-    rows = []
-    for (preset, p), group in refined.groupby(["preset", "p"], sort=False):
-        change = 1e3 * (group["sngr_pose_rmse"] - group["base_pose_rmse"])
-        change = summaries.mean_and_errors(change)
-        share = group["accepted"].sum() / max(group["triggered"].sum(), 1)
-        rows.append([
-            preset, f"{p:g}", t(group["triggered"].mean(), ".1f"), t(100 * share, ".0f"),
-            t(group["gain_min"].median(), ".3f"), t(group["gain_median"].median(), ".3f"),
-            t(group["gain_max"].median(), ".2f"), interval(change, ".1f"),
-        ])  # fmt: skip
-    heads = ["preset", "p", "refined, mean", "accepted [%]", "least gain [nats]",
-             "median gain [nats]", "largest gain [nats]", "RMSE change [mm]"]  # fmt: skip
-    return pd.DataFrame(rows, columns=heads)
+    return pd.DataFrame([
+        {
+            "preset": preset, "p": f"{p:g}",
+            "refined, mean": t(group["triggered"].mean(), ".1f"),
+            "accepted [%]": _accepted(group),
+            "least gain [nats]": t(group["gain_min"].median(), ".3f"),
+            "median gain [nats]": t(group["gain_median"].median(), ".3f"),
+            "largest gain [nats]": t(group["gain_max"].median()),
+            "RMSE change [mm]": _millimetres(group, "sngr", "base", ".1f"),
+        }
+        for (preset, p), group in refined.groupby(["preset", "p"], sort=False)
+    ])  # fmt: skip
 
 
 def corrected_table(table: pd.DataFrame) -> pd.DataFrame:
     """The paper's SNGR and both corrected versions on the same worlds."""
-    rows = []
-    for (p, preset, variant), group in table.groupby(["p", "preset", "variant"]):
-        settled = 1e3 * (group["base_pose_rmse"] - group["isam2_pose_rmse"])
-        refined = 1e3 * (group["sngr_pose_rmse"] - group["base_pose_rmse"])
-        share = group["accepted"].sum() / max(group["triggered"].sum(), 1)
-        rows.append([
-            f"{p:g}", preset, variant, t(100 * share, ".0f"),
-            t(group["gain_median"].median(), ".3f"), t(group["gain_max"].median(), ".3f"),
-            interval(summaries.mean_and_errors(settled), ".0f") if variant != "paper" else NONE,
-            interval(summaries.mean_and_errors(refined), ".1f"),
-            t(group["sngr_nees"].median(), ".1f"),
-        ])  # fmt: skip
-    heads = ["p", "preset", "version", "accepted [%]", "median gain [nats]", "largest gain [nats]",
-             "settling: RMSE change [mm]", "refining: RMSE change [mm]", "NEES"]  # fmt: skip
-    return pd.DataFrame(rows, columns=heads)
+    return pd.DataFrame([
+        {
+            "p": f"{p:g}", "preset": preset, "version": variant,
+            "accepted [%]": _accepted(group),
+            "median gain [nats]": t(group["gain_median"].median(), ".3f"),
+            "largest gain [nats]": t(group["gain_max"].median(), ".3f"),
+            "settling: RMSE change [mm]":
+                NONE if variant == "paper" else _millimetres(group, "base", "isam2", ".0f"),
+            "refining: RMSE change [mm]": _millimetres(group, "sngr", "base", ".1f"),
+            "NEES": t(group["sngr_nees"].median(), ".1f"),
+        }
+        for (p, preset, variant), group in table.groupby(["p", "preset", "variant"])
+    ])  # fmt: skip
 
 
 def widths_table(widths: pd.DataFrame) -> pd.DataFrame:
@@ -143,32 +145,34 @@ def widths_table(widths: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for reading, group in widths.groupby("reading", sort=False):
         worlds = group.groupby("seed")[["over_conditional", "over_marginal"]].mean()
-        cells = [mean_error(worlds[name], ".3f") for name in worlds]
-        rows.append([reading, cells[0], t(group["predicted_conditional"].mean(), ".3f"), cells[1]])
-    heads = ["target", "over conditional", "predicted, Gaussian", "over marginal"]
-    return pd.DataFrame(rows, columns=heads)
+        rows.append({
+            "target": reading,
+            "over conditional": mean_error(worlds["over_conditional"], ".3f"),
+            "predicted, Gaussian": t(group["predicted_conditional"].mean(), ".3f"),
+            "over marginal": mean_error(worlds["over_marginal"], ".3f"),
+        })
+    return pd.DataFrame(rows)
 
 
 def ratios_table(ratios: pd.DataFrame) -> pd.DataFrame:
     """Marginal over conditional standard deviation: median and largest over windows."""
-    rows = [
-        [preset, *(cell("{:.1f} ({:.1f})", group[name].median(), group[name].max())
-                   for name in ("geometric_mean", "largest_direction"))]
+    names = {"geometric mean": "geometric_mean", "widest direction": "largest_direction"}
+    return pd.DataFrame([
+        {"preset": preset}
+        | {
+            f"{head}: median (largest)": cell("{:.1f} ({:.1f})", group[name].median(),
+                                              group[name].max())
+            for head, name in names.items()
+        }
         for preset, group in ratios.groupby("preset")
-    ]  # fmt: skip
-    heads = ["preset", "geometric mean: median (largest)", "widest direction: median (largest)"]
-    return pd.DataFrame(rows, columns=heads)
+    ])  # fmt: skip
 
 
 def convergence_table(gains: pd.DataFrame) -> pd.DataFrame:
     """Median attainable gain of a window, [nats], as the estimate is settled more and more."""
-    bases = list(dict.fromkeys(gains["base"]))
-    rows = []
-    for preset, group in gains.groupby("preset"):
-        medians = group.groupby("base")["gain"].median()
-        rows.append([preset, *(t(medians[base], ".3f") for base in bases)])
-    heads = ["preset", *(f"{base} more updates" if base != "batch" else base for base in bases)]
-    return pd.DataFrame(rows, columns=heads)
+    heads = {base: base if base == "batch" else f"{base} more updates" for base in gains["base"]}
+    medians = gains.groupby(["preset", "base"])["gain"].median().unstack()[list(heads)]
+    return medians.map(lambda gain: t(gain, ".3f")).rename(columns=heads).reset_index()
 
 
 def gaussianity_table(found: pd.DataFrame) -> pd.DataFrame:
@@ -176,81 +180,75 @@ def gaussianity_table(found: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for (separators, preset), group in found.groupby(["separators", "preset"]):
         used = group.dropna()
-        beyond = int((used["difference"].abs() > 3 * used["error"]).sum())
-        rows.append([
-            separators, preset, len(group), len(group) - len(used),
-            t(used["difference"].mean(), ".4f"), t(used["difference"].abs().max(), ".3f"),
-            t(used["error"].mean(), ".4f"), beyond, int((group["modes"] > 1).sum()),
-        ])  # fmt: skip
-    heads = ["separators", "preset", "windows", "left out", "mean [nats]", "largest",
-             "standard error", "beyond 3 errors", "more than one mode"]  # fmt: skip
-    return pd.DataFrame(rows, columns=heads)
+        size = used["difference"].abs()
+        rows.append({
+            "separators": separators, "preset": preset, "windows": len(group),
+            "left out": len(group) - len(used),
+            "mean [nats]": t(used["difference"].mean(), ".4f"), "largest": t(size.max(), ".3f"),
+            "standard error": t(used["error"].mean(), ".4f"),
+            "beyond 3 errors": (size > 3 * used["error"]).sum(),
+            "more than one mode": (group["modes"] > 1).sum(),
+        })  # fmt: skip
+    return pd.DataFrame(rows)
 
 
 def ess_table(ess: pd.DataFrame) -> pd.DataFrame:
     """ESS shares of windows and of exact Gaussians of the same covariances; errors over worlds."""
     worlds = ess.groupby(["scale", "kind", "seed"])["ess_share"].mean()
-    rows = [
-        [f"{scale:g}", *(mean_error(worlds[scale, kind], ".3f") for kind in ("Gaussian", "window"))]
+    return pd.DataFrame([
+        {"c": f"{scale:g}", "exact Gaussian": mean_error(worlds[scale, "Gaussian"], ".3f"),
+         "window": mean_error(worlds[scale, "window"], ".3f")}
         for scale in worlds.index.unique("scale")
-    ]
-    return pd.DataFrame(rows, columns=["c", "exact Gaussian", "window"])
+    ])  # fmt: skip
 
 
 def evidence_table(checks: pd.DataFrame) -> pd.DataFrame:
     """Nested sampling of the corrected target less importance sampling, [nats]."""
-    rows = []
-    for (separators, d), group in checks.groupby(["separators", "dimension"]):
-        in_errors = group["in_errors"].abs()
-        rows.append([
-            separators, d, len(group), mean_error(group["difference"], ".3f"),
-            t(in_errors.max(), ".1f"), int((in_errors > 3).sum()),
-            t(float(np.exp(np.log(group["sd_ratio"]).mean()))),
-        ])  # fmt: skip
-    heads = ["separators", "d", "windows", "mean difference [nats]", "largest, in errors",
-             "beyond 3 errors", "sd ratio"]  # fmt: skip
-    return pd.DataFrame(rows, columns=heads)
+    return pd.DataFrame([
+        {
+            "separators": separators, "d": d, "windows": len(group),
+            "mean difference [nats]": mean_error(group["difference"], ".3f"),
+            "largest, in errors": t(group["in_errors"].abs().max(), ".1f"),
+            "beyond 3 errors": (group["in_errors"].abs() > 3).sum(),
+            "sd ratio": t(float(np.exp(np.log(group["sd_ratio"]).mean()))),
+        }
+        for (separators, d), group in checks.groupby(["separators", "dimension"])
+    ])  # fmt: skip
 
 
 def nees_table(nees: pd.DataFrame) -> pd.DataFrame:
     """NEES on clean data: mean of the x0 prior, frame of P, preset."""
     table = summaries.summary(nees, "nees", by=["x0_mean", "frame", "preset"])
-    rows = [
-        [mean, frame, *(interval(row) for _, row in group.iterrows())]
+    return pd.DataFrame([
+        {"x0 prior centred on": mean, "frame of P": frame}
+        | {row["preset"]: interval(row) for _, row in group.iterrows()}
         for (mean, frame), group in table.groupby(["x0_mean", "frame"], sort=False)
-    ]
-    return pd.DataFrame(
-        rows, columns=["x0 prior centred on", "frame of P", *dict.fromkeys(table["preset"])]
-    )
+    ])
 
 
 def robust_table(runs: pd.DataFrame) -> pd.DataFrame:
     """Mean pose RMSE with its interval, and landmark RMSE, per method and start, [m]."""
-    levels = list(dict.fromkeys(runs["p"]))
+    most = runs["p"].max()
     poses = summaries.summary(runs, "pose_rmse", by=["start", "method", "p"])
-    last = runs[runs["p"] == levels[-1]].groupby(["start", "method"])["landmark_rmse"].mean()
-    rows = []
-    for (start, method), group in poses.groupby(["start", "method"], sort=False):
-        cells = [interval(row) for _, row in group.iterrows()]
-        name = methods.shown(method)
-        rows.append([name, start.replace("_", " "), *cells, t(last[start, method])])
-    heads = ["method", "start", *(f"p = {p:g}" for p in levels), f"landmarks, p = {levels[-1]:g}"]
-    return pd.DataFrame(rows, columns=heads)
+    last = runs[runs["p"] == most].groupby(["start", "method"])["landmark_rmse"].mean()
+    return pd.DataFrame([
+        {"method": methods.shown(method), "start": start.replace("_", " ")}
+        | {f"p = {row['p']:g}": interval(row) for _, row in group.iterrows()}
+        | {f"landmarks, p = {most:g}": t(last[start, method])}
+        for (start, method), group in poses.groupby(["start", "method"], sort=False)
+    ])
 
 
 def readings_table(readings: pd.DataFrame) -> pd.DataFrame:
     """Mean of every reading with its standard error, and its range: over worlds, or over runs."""
     if "seed" in readings:
         readings = readings.drop(columns=["window", "preset"]).groupby("seed").mean()
-    rows = [
-        [
-            name,
-            cell("{:.4g} ± {:.2g}", x.mean(), standard_error.standard_error(x)),
-            cell("{:.4g} to {:.4g}", x.min(), x.max()),
-        ]
+    return pd.DataFrame([
+        {"reading": name,
+         "ours": cell("{:.4g} ± {:.2g}", x.mean(), standard_error.standard_error(x)),
+         "range": cell("{:.4g} to {:.4g}", x.min(), x.max())}
         for name, x in readings.items()
-    ]
-    return pd.DataFrame(rows, columns=["reading", "ours", "range"])
+    ])  # fmt: skip
 
 
 def curve_series(frame: pd.DataFrame, value: str) -> dict[str, tuple[np.ndarray, ...]]:

@@ -14,9 +14,11 @@ from sngr_utils.world.simulation import World
 def run_isam2(world: World, conventions: Conventions) -> Solution:
     """Feed the world to iSAM2 pose by pose, one update per pose (paper, Algorithm 1, line 1).
 
-    Poses start from the last estimate and the odometry. A landmark waits until three distinct
-    poses have seen it (or something attached to it); then it starts from those three ranges,
-    gets its weak prior, and its waiting factors enter the graph.
+    Poses start from the last estimate and the odometry. A landmark is initialised when three
+    distinct poses have seen it (or something attached to it): it starts from those three ranges,
+    gets its weak prior, and its delayed factors enter the graph.
+
+    Source: Kaess et al., IJRR 31 (2012) 216.
     """
     params = gtsam.ISAM2Params()
     params.setRelinearizeThreshold(conventions.relinearize_threshold)
@@ -56,7 +58,7 @@ def run_isam2(world: World, conventions: Conventions) -> Solution:
 
 
 def _start_from_waiting(waiting: list[tuple[int, float]], estimate: gtsam.Values) -> np.ndarray:
-    """Start a landmark from the first range of each distinct pose that waits for it."""
+    """Initialise a landmark from the first range of each distinct pose that has seen it."""
     first = {}
     for t, distance in waiting:
         first.setdefault(t, distance)

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from sngr_utils.numerics.jit import compile_once
+from sngr_utils.slam.range_density import OUTLIER_SHARE, density, peak
 from sngr_utils.world import dead_reckoning, simulation
 
 START_AFTER = 3  # distinct poses that must have seen a landmark before it enters the graph
@@ -43,7 +44,6 @@ STARTS = {
 GRID_CELLS = 100  # per axis
 NEGLIGIBLE_EXPONENT = 40.0  # e^-40 is nothing beside an outlier, in floating point
 LARGE = 1e200  # product of likelihoods that is turned into a sum of logarithms
-GRID_OUTLIER_SHARE = 0.5  # knowing nothing about a range: right or wrong alike
 
 
 def start_landmarks(the_world: simulation.World, poses: np.ndarray, start: str) -> np.ndarray:
@@ -77,8 +77,7 @@ def best_cell(
 ) -> np.ndarray:
     """(2,) cell of a grid where N ranges are most likely, each of them right or an outlier.
 
-    A right range is Gaussian about the distance, an outlier uniform up to `longest`. The grid
-    covers every place that some range can reach from its position.
+    The grid covers every place that some range can reach from its position.
 
     Parameters
     ----------
@@ -86,18 +85,13 @@ def best_cell(
     ranges : (N,), [m]
     variances : (N,) of a right range about the distance, [m^2]
     longest : the longest range there is, [m]
-
-    Source: the two-component likelihood of a range finder, Thrun, Burgard, Fox, Probabilistic
-    Robotics, section 6.3.
     """
     low, high = positions.min(axis=0) - ranges.max(), positions.max(axis=0) + ranges.max()
     axes = np.linspace(low, high, GRID_CELLS)
     # a point of the cell is uniform about its centre: one twelfth of the squared width
     spread = variances + ((high - low) / (GRID_CELLS - 1)).max() ** 2 / 12
-    right = (1 - GRID_OUTLIER_SHARE) / np.sqrt(2 * np.pi * spread)
-    scores = _grid_scores(
-        axes, positions, ranges, 0.5 / spread, right, GRID_OUTLIER_SHARE / longest
-    )
+    right, outlier = peak(spread, OUTLIER_SHARE), OUTLIER_SHARE / longest
+    scores = _grid_scores(axes, positions, ranges, 0.5 / spread, right, outlier)
     i, j = np.unravel_index(np.argmax(scores), scores.shape)
     return np.array([axes[i, 0], axes[j, 1]])
 
@@ -130,9 +124,7 @@ def _grid_scores(axes, positions, ranges, sharpness, right, outlier):
     return scores + np.log(products)
 
 
-OUTLIER_SHARE = 0.5  # of the ranges a landmark is started from: right or wrong alike
 REFINEMENTS = 6  # reweighted Gauss-Newton steps
-TWO_PI = 2 * math.pi
 
 
 @compile_once
@@ -166,8 +158,7 @@ def evidence(place, positions, distances, sigma, longest):
     total = 0.0
     for i in range(len(distances)):
         error = (distance_between(place, positions[i]) - distances[i]) / sigma
-        right = math.exp(-0.5 * error * error) / (math.sqrt(TWO_PI) * sigma)
-        total += math.log((1 - OUTLIER_SHARE) * right + OUTLIER_SHARE / longest)
+        total += math.log(density(error * error, sigma * sigma, OUTLIER_SHARE, longest))
     return total
 
 
@@ -188,8 +179,7 @@ def refine(place, positions, distances, range_sigma, longest, landmark_sigma):
             dx, dy = place - positions[i]
             expected = max(math.sqrt(dx * dx + dy * dy), 1e-9)
             error = distances[i] - expected
-            likelihood = math.exp(-0.5 * (error / sigma) ** 2) / (math.sqrt(TWO_PI) * sigma)
-            right = (1 - OUTLIER_SHARE) * likelihood
+            right = peak(sigma * sigma, OUTLIER_SHARE) * math.exp(-0.5 * (error / sigma) ** 2)
             weight = right / (right + OUTLIER_SHARE / longest) / sigma**2
             ux, uy = dx / expected, dy / expected
             xx, xy, yy = xx + weight * ux * ux, xy + weight * ux * uy, yy + weight * uy * uy

@@ -112,7 +112,8 @@ def test_the_linear_term_is_added_and_moves_the_mode_as_it_should():
         assert extra == pytest.approx(slope @ xi)
     covariance = np.array([[1.0, 0.3], [0.3, 0.5]])
     cholesky, nothing = np.linalg.cholesky(covariance), np.zeros((0, 2))
-    modes = importance.find_modes(tilted, cholesky, nothing, np.ones((3, 2)), tilted.n_residuals)[0]
+    starts, n = np.ones((3, 2)), tilted.n_residuals
+    modes = importance.modes_of_factors(tilted, cholesky, nothing, starts, n)[0]
     precision = np.diag(sigmas**-2) + np.linalg.inv(covariance)
     mode = np.linalg.solve(precision, np.array([0.1, 0.2]) / sigmas**2 - slope)
     assert np.allclose(modes @ cholesky.T, [mode], atol=1e-4)

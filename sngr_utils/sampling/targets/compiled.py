@@ -15,6 +15,7 @@ import numpy as np
 from numba.extending import overload
 
 from sngr_utils.numerics.jit import compile_once
+from sngr_utils.slam import range_density
 
 TWO_PI = 2 * math.pi
 
@@ -212,9 +213,7 @@ def point_residual(points, of, measured, f):
 def range_residual(from_rows, points, of, measured, f):
     """The whitened residual e of factor f, a range from a pose or a point to a point.
 
-    A range that may be wrong has the density exp(-e^2 / 2) + floor instead of exp(-e^2 / 2), up
-    to a factor. Its residual is the number whose half square is minus the log of that density
-    over its largest value, 1 + floor.
+    Of a range that may be wrong it is the number whose half square is `range_density.loss`.
     """
     i, k = of[f, 0], of[f, 1]
     dx, dy = from_rows[i, 0] - points[k, 0], from_rows[i, 1] - points[k, 1]
@@ -222,8 +221,7 @@ def range_residual(from_rows, points, of, measured, f):
     floor = measured[f, 1]
     if floor == 0.0:
         return e
-    loss = math.log1p(floor) - math.log(math.exp(-0.5 * e * e) + floor)
-    return math.copysign(math.sqrt(2 * max(loss, 0.0)), e)
+    return math.copysign(math.sqrt(2 * max(range_density.loss(e * e, floor), 0.0)), e)
 
 
 @compile_once

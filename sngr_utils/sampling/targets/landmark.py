@@ -12,6 +12,7 @@ import numpy as np
 from numba.extending import overload
 
 from sngr_utils.numerics.jit import compile_once
+from sngr_utils.numerics.linalg import factorise, solve_lower
 from sngr_utils.numerics.normal import normal_quantile
 from sngr_utils.sampling.targets.ambiguous_window import chain_positions
 from sngr_utils.sampling.targets.compiled import evaluate
@@ -198,12 +199,10 @@ def _density(x, y, positions, covariance, ranges, variance, centre, prior_sigma)
             for a in range(2):
                 for b in range(2):
                     value += rays[i, a] * covariance[2 * i + a, 2 * j + b] * rays[j, b]
-            for m in range(j):
-                value -= lower[i, m] * lower[j, m]
-            lower[i, j] = math.sqrt(value) if i == j else value / lower[j, j]
-        for j in range(i):
-            error[i] -= lower[i, j] * error[j]
-        error[i] /= lower[i, i]
+            lower[i, j] = value
+    factorise(lower)
+    solve_lower(lower, error)
+    for i in range(n):
         total -= 0.5 * error[i] * error[i] + math.log(lower[i, i])
     return total
 

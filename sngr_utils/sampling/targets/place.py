@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sngr_utils.sampling.targets import compiled
+from sngr_utils.slam import range_density
 
 
 @dataclass(frozen=True)
@@ -21,8 +22,7 @@ class Evidence:
     centre : (2,) mean of the prior, [m]
     sigma : of the prior, [m]
 
-    Source: the two-component likelihood of a range finder, Thrun, Burgard, Fox, Probabilistic
-    Robotics, section 6.3.
+    The density of a range is that of `range_density`.
     """
 
     anchors: np.ndarray
@@ -48,8 +48,7 @@ class Evidence:
     @property
     def floors(self) -> np.ndarray:
         """(N,) density of a wrong range over the highest of a right one."""
-        height = (1 - self.wrong) / np.sqrt(2 * np.pi * self.variances)
-        return self.wrong / self.longest / height
+        return range_density.floor(self.variances, self.wrong, self.longest)
 
     @property
     def factors(self) -> compiled.Factors:
@@ -72,5 +71,5 @@ class Evidence:
     @property
     def ceiling(self) -> float:
         """Log-density of all ranges where each fits best, [nats]: what the factors leave out."""
-        height = (1 - self.wrong) / np.sqrt(2 * np.pi * self.variances) + self.wrong / self.longest
-        return float(np.log(height).sum())
+        highest = range_density.density(0.0, self.variances, self.wrong, self.longest)
+        return float(np.log(highest).sum())
