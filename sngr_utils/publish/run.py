@@ -144,7 +144,7 @@ def write_latex() -> None:
             timings.append(read_json(clocks))
     judged = verdict_tables.judged(results_in(paths.RESULTS))
     files = latex.latex([*results, verdict_tables.result(judged)], timings)
-    files["claims_full.tex"] = verdict_tables.chunks(judged[claims.read().reading])
+    files["claims_full.tex"] = verdict_tables.chunks(judged.read)
     folder = paths.PAPER / "generated"
     folder.mkdir(exist_ok=True)
     for old in folder.iterdir():
