@@ -34,10 +34,10 @@ def show(frame: pd.DataFrame) -> HTML:
 
 
 def interval(row: pd.Series, fmt: str = ".2f") -> str:
-    """ "mean [low, high] (n)"; no interval below five worlds, n only where worlds are left out."""
+    """ "mean [low, high] (n)", or median; no interval of few worlds, n where some are left out."""
     if row["n"] == 0:
         return NONE
-    shown = text(row["mean"], fmt)
-    if row["n"] >= FEW:
+    shown = text(row["median"] if "median" in row else row["mean"], fmt)
+    if row["n"] >= FEW and not math.isnan(row["low"]):
         shown += f" [{text(row['low'], fmt)}, {text(row['high'], fmt)}]"
     return shown + (f" ({int(row['n'])})" if row["missing"] else "")

@@ -104,20 +104,24 @@ def gains_table(refined: pd.DataFrame) -> pd.DataFrame:
     """What refinement does, per preset and p.
 
     Gains are medians, over worlds where anything fires, of each world's least, median and
-    largest; the change of the RMSE is a mean over all worlds, also those where nothing fires.
+    largest; so is the change of the RMSE, over all worlds, also those where nothing fires, beside
+    the worlds in which it falls and rises and the p-value of the sign test.
     """
     rows = []
     for (preset, p), group in refined.groupby(["preset", "p"], sort=False):
         change = 1e3 * (group["sngr_pose_rmse"] - group["base_pose_rmse"])
-        change = summaries.mean_and_errors(change)
+        less, more, p_value = summaries.sign_test(1e-3 * change.to_numpy())
         share = group["accepted"].sum() / max(group["triggered"].sum(), 1)
         rows.append([
             preset, f"{p:g}", t(group["triggered"].mean(), ".1f"), t(100 * share, ".0f"),
             t(group["gain_min"].median(), ".3f"), t(group["gain_median"].median(), ".3f"),
-            t(group["gain_max"].median(), ".2f"), interval(change, ".1f"),
+            t(group["gain_max"].median(), ".2f"),
+            interval(summaries.median_and_interval(change), ".1f"),
+            f"{less} / {more}", t(p_value, ".2g"),
         ])  # fmt: skip
     heads = ["preset", "p", "refined, mean", "accepted [%]", "least gain [nats]",
-             "median gain [nats]", "largest gain [nats]", "RMSE change [mm]"]  # fmt: skip
+             "median gain [nats]", "largest gain [nats]", "RMSE change [mm]",
+             "better / worse", "p-value"]  # fmt: skip
     return pd.DataFrame(rows, columns=heads)
 
 
@@ -131,8 +135,8 @@ def corrected_table(table: pd.DataFrame) -> pd.DataFrame:
         rows.append([
             f"{p:g}", preset, variant, t(100 * share, ".0f"),
             t(group["gain_median"].median(), ".3f"), t(group["gain_max"].median(), ".3f"),
-            interval(summaries.mean_and_errors(settled), ".0f") if variant != "paper" else NONE,
-            interval(summaries.mean_and_errors(refined), ".1f"),
+            interval(summaries.median_and_interval(settled), ".0f") if variant != "paper" else NONE,
+            interval(summaries.median_and_interval(refined), ".1f"),
             t(group["sngr_nees"].median(), ".1f"),
         ])  # fmt: skip
     heads = ["p", "preset", "version", "accepted [%]", "median gain [nats]", "largest gain [nats]",
