@@ -67,7 +67,7 @@ def test_peer_tables_figures_and_values(quick, runs, tmp_path):
         1 + 2 * len(quick.p_starts),
     )
     table = show.test_table(runs, peers.BEST)
-    assert table.shape == (n_methods, 1 + 3)  # one level above zero
+    assert table.shape == (n_methods, 1 + 4)  # one level above zero
     assert (table.iloc[:, 2] == cells.NONE).sum() == 1
     assert len(show.time_table(runs)) == n_methods
     to = report.Report("x", tmp_path)

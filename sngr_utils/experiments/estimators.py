@@ -262,7 +262,7 @@ def relative_to_oracle(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def paired(runs: pd.DataFrame, a: str, b: str, start: str = REFERENCE_START) -> pd.DataFrame:
-    """Pose RMSE of method `a` less that of `b` on the same worlds, per p: mean, interval, test.
+    """Pose RMSE of method `a` less that of `b` on the same worlds, per p: median, interval, test.
 
     See `summaries.paired_difference`.
     """

@@ -89,11 +89,11 @@ def with_interval(value: float, low: float, high: float, fmt: str = ".2f") -> Ce
 
 
 def interval(row: pd.Series, fmt: str = ".2f") -> Cell | str:
-    """ "mean [low, high] (n)"; no interval below five worlds, n only where worlds are left out."""
+    """ "mean [low, high] (n)", or median; no interval of few worlds, n where some are left out."""
     if row["n"] == 0:
         return NONE
     ends = (row["low"], row["high"]) if row["n"] >= FEW else (math.nan, math.nan)
-    shown = with_interval(row["mean"], *ends, fmt)
+    shown = with_interval(row["median"] if "median" in row else row["mean"], *ends, fmt)
     if not row["missing"]:
         return shown
     return cell(shown.form + " ({:d})", *shown.numbers, int(row["n"]))

@@ -17,6 +17,7 @@ from sngr_utils.publish import printed
 from sngr_utils.publish.contradictions import contradictions
 from sngr_utils.publish.notebooks import ProjectError
 from sngr_utils.publish.parameters import read_yaml
+from sngr_utils.publish.prediction import Natural
 from sngr_utils.settings import PRESET_NAMES
 
 
@@ -37,15 +38,28 @@ class NumberEntry(Entry):
 
     printed: str
     what: str
-    rule: Literal["deterministic", "one_world", "mean_of_five", "std_of_five", "hardware", "clock"]
+    rule: Literal[
+        "deterministic",
+        "one_world",
+        "mean_of_five",
+        "std_of_five",
+        "five_worlds",
+        "hardware",
+        "clock",
+    ]
+    range: str | None = None
+    silent: float | None = None
     trend: Literal["rises", "falls"] | None = None
     ratio: tuple[str, str] | None = None
     per: float = 1.0
 
     def leaves(self) -> dict[printed.Path, dict[str, str]]:
         """Leaf -> what the placeholders stand for there."""
-        found = {path: printed.match(self.printed, path) for path in printed.leaves()}
-        return {path: names for path, names in found.items() if names is not None}
+        return printed.matching(self.printed)
+
+    def natural(self) -> Natural:
+        """What its numbers could have been."""
+        return read().ranges[self.range]
 
     def compared(self, path: printed.Path, names: dict[str, str]) -> printed.Printed:
         """The number that is compared: the printed one, its magnitude, or a ratio."""
@@ -81,14 +95,31 @@ class ProseEntry(Entry):
         return self
 
 
+class CountedOnce(BaseModel):
+    """Printed numbers that follow from others, and from which."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    printed: str
+    follows: str
+
+
 class Claims(BaseModel):
     """``claims.yaml`` as a whole."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     reading: Literal[PRESET_NAMES]
     why_this_reading: str
+    ranges: dict[str, Natural]
+    counted_once: list[CountedOnce]
     numbers: list[NumberEntry]
     prose: list[ProseEntry]
+
+    @model_validator(mode="after")
+    def _ranges_are_declared(self) -> "Claims":
+        for entry in self.numbers:
+            if entry.rule != "clock" and entry.range not in self.ranges:
+                raise ValueError(f"{entry.id}: range {entry.range!r} is not declared")
+        return self
 
 
 @cache

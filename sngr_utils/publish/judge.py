@@ -7,32 +7,52 @@ them. A claim whose key is missing there is an error, never left out.
 import math
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-import pandas as pd
 
-from sngr_utils.publish import claims, printed, rules
+from sngr_utils.publish import claims, number_tests, prediction, printed, rules
 from sngr_utils.publish.cells import NONE, text
 from sngr_utils.publish.claims import NumberEntry, ProseEntry
 from sngr_utils.publish.contradictions import Contradiction, contradictions
 from sngr_utils.publish.notebooks import ProjectError
+from sngr_utils.publish.number_tests import NumberTest, sample
+from sngr_utils.publish.printed import Path
 
-RESAMPLING_SEED = 0  # of the splits behind a mean of five worlds; the same for every claim
+
+@dataclass(frozen=True)
+class Number:
+    """One printed number beside ours.
+
+    Attributes
+    ----------
+    ours : median of our worlds (mean or standard deviation where the paper prints one)
+    accepted : where a further world, or a statistic of five, may lie; taken by itself
+    covered : share of its natural range that this interval is; None where there is none
+    rank : of the printed value among our worlds and itself, from below; "" where it has none
+    """
+
+    id: str
+    printed: str
+    ours: str
+    n: str
+    accepted: str = NONE
+    covered: float | None = None
+    rank: str = ""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One claim with its verdict.
+    """One test, of a number, a series of numbers or a claim in words, with its verdict.
 
     Attributes
     ----------
-    id, entry : of this number, and of the entry of ``claims.yaml`` it belongs to
+    id, entry : of this row, and of the entry of ``claims.yaml`` it belongs to
     kind : "number" or "prose"
-    printed, ours : as shown; `ours` with the standard error, or the share and its interval
-    values : printed value and our mean, for ranges; None where there is none
-    n : worlds behind ours, of which some may be undefined
-    why : what refutes it, or the interval that decides
+    printed, ours : as shown; of a series all values
+    share : share of the natural range that the test accepts, None where nothing is tested
+    why : what refutes it, or what decides
+    numbers : the printed numbers that it judges
     """
 
     id: str
@@ -42,13 +62,14 @@ class Row:
     what: str
     printed: str
     ours: str
-    values: tuple[float | None, float | None]
     n: str
     rule: str
     verdict: str
     why: str
     notebook: str
     cell: str
+    share: float | None = None
+    numbers: tuple[Number, ...] = ()
 
 
 def evaluate(results: dict[str, dict], preset: str | None = None) -> list[Row]:
@@ -59,13 +80,7 @@ def evaluate(results: dict[str, dict], preset: str | None = None) -> list[Row]:
     ProjectError : results lack a key that a claim needs, or hold too few worlds
     """
     preset = preset or claims.read().reading
-    missing = [key for key in claims.needed(preset) if key not in results]
-    if missing:
-        raise ProjectError(
-            f"paper/claims.yaml needs {missing[0]!r}, which no notebook hands on"
-            + (f"; nor are {len(missing) - 1} more: {', '.join(missing[1:8])} ..."
-               if len(missing) > 1 else "")
-        )  # fmt: skip
+    check(results, preset)
     clashes = contradictions(printed.leaves())
     rows = []
     for entry in [*claims.read().numbers, *claims.read().prose]:
@@ -77,11 +92,15 @@ def evaluate(results: dict[str, dict], preset: str | None = None) -> list[Row]:
     return rows
 
 
-def _sample(results: dict[str, dict], key: str) -> np.ndarray:
-    """(n,) of a sample, NaN where undefined."""
-    if "sample" not in results[key]:
-        raise ValueError(f"{key!r} must be a sample, one number per world")
-    return np.array(results[key]["sample"], dtype=float)
+def check(results: dict[str, dict], preset: str) -> None:
+    """Find the first keys that the claims need and nothing hands on; raises ProjectError."""
+    missing = [key for key in claims.needed(preset) if key not in results]
+    if missing:
+        raise ProjectError(
+            f"paper/claims.yaml needs {missing[0]!r}, which no notebook hands on"
+            + (f"; nor are {len(missing) - 1} more: {', '.join(missing[1:8])} ..."
+               if len(missing) > 1 else "")
+        )  # fmt: skip
 
 
 def _value(results: dict[str, dict], key: str) -> float:
@@ -93,83 +112,135 @@ def _numbers(
     entry: NumberEntry, results: dict[str, dict], preset: str, clashes: list[Contradiction]
 ) -> Iterator[Row]:
     refuted = {path: clash.why for clash in clashes for path in clash.paths}
-    has_trend = bool(entry.trend) and _has_trend(entry, results, preset)
-    for path, names in entry.leaves().items():
-        key, was = claims.key(entry.ours, preset, names), entry.compared(path, names)
-        verdict, why = _number_verdict(entry.rule, results, key, was)
-        if verdict == rules.NOT and has_trend:
-            verdict = rules.TREND
-        if path in refuted:
-            verdict, why = rules.CANNOT, refuted[path]
-        original = printed.leaves()[path]
-        shown = text(original.value, f".{original.decimals}f")
-        if entry.ratio and was.value is not None:
-            shown += f" ({text(was.value, '.3g')})"
-        found = _spread(results[key]) if entry.rule == "std_of_five" else results[key]
-        ours, n, mean = _ours(found, was.decimals)
-        label = "".join(f".{name}{part}" for name, part in names.items())
-        yield Row(
-            entry.id + label, entry.id, "number", entry.where, entry.what, shown, ours,
-            (was.value, mean), n, entry.rule, verdict, why, entry.notebook, entry.cell,
+    tested, follows = number_tests.counted(entry, refuted)
+    for path in entry.leaves():
+        aside = (
+            (rules.CANNOT, refuted[path]) if path in refuted
+            else (rules.FOLLOWS, follows[path]) if path in follows
+            else None
         )  # fmt: skip
+        if aside:
+            yield _row(entry, [_alone(entry, path, results, preset)], *aside)
+    if entry.rule in number_tests.KINDS:
+        for test in number_tests.tests(entry, results, preset, tested):
+            verdict, why, share = _tested(test, results, preset)
+            yield _row(entry, _described(test), verdict, why, share)
+        return
+    for path in tested:
+        verdict, why, share = _without_worlds(entry, path, results, preset)
+        yield _row(entry, [_alone(entry, path, results, preset)], verdict, why, share)
 
 
-def _number_verdict(
-    rule: str, results: dict[str, dict], key: str, was: printed.Printed
-) -> tuple[str, str]:
-    """Verdict of the rule alone, and what decides."""
-    if rule == "clock":
-        return rules.NO_RATIO, "the clock that other seconds are measured with"
-    if rule == "hardware":
-        return rules.hardware(_value(results, key), was), "a ratio of wall clocks"
-    if rule == "deterministic":
-        good, why = rules.deterministic(_value(results, key), was), "rounding"
-    elif rule == "one_world":
-        sample = _sample(results, key)
-        low, high = rules.world_interval(sample)
-        ends = ["undefined" if end == -math.inf else text(end, ".3g") for end in (low, high)]
-        good, why = rules.one_world(sample, was), f"a further world: {ends[0]} to {ends[1]}"
-    else:
-        statistic = rule.removesuffix("_of_five")
-        rng = np.random.default_rng(RESAMPLING_SEED)
-        good = rules.five_worlds(_sample(results, key), was, statistic, rng=rng)
-        why = f"{statistic} of five further worlds"
-    return (rules.REPRODUCED if good else rules.NOT), why
+def _row(
+    entry: NumberEntry, numbers: list[Number], verdict: str, why: str, share: float | None = None
+) -> Row:
+    whole = len(numbers) > 1 or len(entry.leaves()) == 1
+    return Row(
+        entry.id if whole else numbers[0].id, entry.id, "number", entry.where, entry.what,
+        ", ".join(one.printed for one in numbers), ", ".join(one.ours for one in numbers),
+        numbers[0].n, entry.rule, verdict, why, entry.notebook, entry.cell, share, tuple(numbers),
+    )  # fmt: skip
 
 
-def _has_trend(entry: NumberEntry, results: dict[str, dict], preset: str) -> bool:
-    """The trend between the first and the last level at which the paper prints a number."""
-    levels = [
-        names for path, names in entry.leaves().items()
-        if entry.compared(path, names).value is not None
-    ]  # fmt: skip
-    ends = (_sample(results, claims.key(entry.ours, preset, levels[i])) for i in (0, -1))
-    return rules.trend(*ends, entry.trend)
-
-
-def _spread(entry: dict) -> dict:
-    """A sample's standard deviation in the place of its mean, with the error a Gaussian's has."""
-    values = [value for value in entry["sample"] if value is not None]
-    spread = float(np.std(values, ddof=1)) if len(values) > 1 else None
-    error = spread / math.sqrt(2 * len(values) - 2) if spread is not None else None
-    return {**entry, "value": spread, "standard_error": error}
-
-
-def _ours(entry: dict, decimals: int) -> tuple[str, str, float | None]:
-    """What is shown of ours: mean and standard error, number of worlds; and the mean."""
-    fmt = f".{decimals}f" if "sample" not in entry or decimals else ".1f"
-    shown, error, values = (
-        text(entry["value"], fmt),
-        entry.get("standard_error"),
-        entry.get("sample"),
+def _tested(
+    test: NumberTest, results: dict[str, dict], preset: str
+) -> tuple[str, str, float | None]:
+    """Verdict, what decides, and the share of the natural range that is accepted."""
+    if test.powerless:
+        return rules.UNTESTABLE, "too few worlds define it", None
+    share = test.share
+    if share > rules.MAX_SHARE:
+        return rules.UNTESTABLE, f"{share:.0%} of what could be would be accepted", share
+    why = {"one": "a further world", "values": "further worlds"}.get(
+        test.cloud.of, f"{test.cloud.of} of five further worlds"
     )
-    if error is not None:
-        shown += f" ± {text(error, fmt)}"
-    if values is None:
-        return shown, str(entry["n"]), entry["value"]
-    defined = sum(value is not None for value in values)
-    n = str(len(values)) if defined == len(values) else f"{defined} of {len(values)}"
-    return shown, n, entry["value"]
+    if test.accepts(test.values[None])[0]:
+        return rules.REPRODUCED, why, share
+    return (rules.TREND if _has_trend(test, results, preset) else rules.NOT), why, share
+
+
+def _without_worlds(
+    entry: NumberEntry, path: Path, results: dict[str, dict], preset: str
+) -> tuple[str, str, float | None]:
+    """The same for a number that no sample of worlds stands against."""
+    if entry.rule == "clock":
+        return rules.NO_RATIO, "the clock that other seconds are measured with", None
+    names = entry.leaves()[path]
+    was = entry.compared(path, names)
+    ours, natural = _value(results, claims.key(entry.ours, preset, names)), entry.natural()
+    if entry.rule == "deterministic":
+        verdict = rules.REPRODUCED if rules.deterministic(ours, was) else rules.NOT
+        return verdict, "rounding", natural.covered(ours, ours, was.decimals)
+    low, high = (ours / rules.SAME_RATIO, ours * rules.SAME_RATIO)
+    share = natural.covered(low * was.value / was.high, high * was.value / was.low, None)
+    return rules.hardware(ours, was), "a ratio of wall clocks", share
+
+
+def _has_trend(test: NumberTest, results: dict[str, dict], preset: str) -> bool:
+    """The trend between the first and the last level at which the paper prints a number."""
+    levels = [names for names, was in zip(test.leaves.values(), test.was, strict=True)
+              if was.value is not None]  # fmt: skip
+    if not test.entry.trend or len(levels) < 2:
+        return False
+    ends = (sample(results, claims.key(test.entry.ours, preset, levels[i])) for i in (0, -1))
+    return rules.trend(*ends, test.entry.trend)
+
+
+def _described(test: NumberTest) -> list[Number]:
+    """The numbers of a test, each with its own interval and rank."""
+    found = []
+    intervals = test.intervals()
+    for i, (names, was) in enumerate(zip(test.leaves.values(), test.was, strict=True)):
+        worlds, (low, high) = (
+            test.cloud.worlds[:, min(i, len(intervals) - 1)],
+            intervals[min(i, len(intervals) - 1)],
+        )
+        known = worlds[np.isfinite(worlds)]
+        statistic = {"mean": np.mean, "std": prediction.spread}.get(test.cloud.of, np.median)
+        fmt, undefined = f".{max(was.decimals, 2)}f" if was.decimals else ".3g", math.isnan(low)
+        one = Number(
+            test.entry.id + _label(names), text(was.value, f".{was.decimals}f"),
+            text(float(statistic(known)), fmt) if len(known) else NONE, _n(worlds),
+            NONE if undefined else f"{text(low, fmt)} to {text(high, fmt)}",
+            None if undefined else test.cloud.natural.covered(low, high, was.decimals),
+        )  # fmt: skip
+        if test.cloud.of in ("one", "values") and was.value is not None:
+            one = replace(one, rank=_rank(was.value, known))
+        found.append(one)
+    return found
+
+
+def _rank(value: float, worlds: np.ndarray) -> str:
+    """Rank of a value among n worlds and itself, from below: all it may be where some are equal."""
+    first = int(np.sum(worlds < value)) + 1
+    last = first + int(np.sum(worlds == value))
+    shown = str(first) if first == last else f"{first}-{last}"
+    return f"{shown} of {len(worlds) + 1}"
+
+
+def _alone(entry: NumberEntry, path: Path, results: dict[str, dict], preset: str) -> Number:
+    """A number that no interval stands beside."""
+    names = entry.leaves()[path]
+    original, was = printed.leaves()[path], entry.compared(path, names)
+    shown = text(original.value, f".{original.decimals}f")
+    if entry.ratio and was.value is not None:
+        shown += f" ({text(was.value, '.3g')})"
+    found, fmt = results[claims.key(entry.ours, preset, names)], f".{was.decimals}f"
+    if "sample" not in found:
+        return Number(entry.id + _label(names), shown, text(found["value"], fmt), str(found["n"]))
+    worlds = np.array(found["sample"], dtype=float)
+    known = worlds[np.isfinite(worlds)]
+    middle = text(float(np.median(known)), fmt if was.decimals else ".3g") if len(known) else NONE
+    return Number(entry.id + _label(names), shown, middle, _n(worlds))
+
+
+def _label(names: dict[str, str]) -> str:
+    return "".join(f".{name}{part}" for name, part in names.items())
+
+
+def _n(worlds: np.ndarray) -> str:
+    defined = int(np.isfinite(worlds).sum())
+    return str(len(worlds)) if defined == len(worlds) else f"{defined} of {len(worlds)}"
 
 
 def _prose(
@@ -181,11 +252,11 @@ def _prose(
         ours = text(x, ".3g")
     elif entry.rule == "rises":
         first, last = (
-            _sample(results, claims.key(key, preset, {})) for key in (entry.minus, entry.ours)
+            sample(results, claims.key(key, preset, {})) for key in (entry.minus, entry.ours)
         )
-        change = (last - first)[np.isfinite(last - first)]
         verdict = rules.REPRODUCED if rules.trend(first, last, "rises") else rules.NOT
-        ours, n, _ = _ours(_summary(change), 2)
+        change = (last - first)[np.isfinite(last - first)]
+        ours, n = f"up in {np.sum(change > 0)}, down in {np.sum(change < 0)}", str(len(change))
     else:
         holds = claim_holds(entry, results, preset)
         verdict, n = rules.share(holds, entry.share), str(len(holds))
@@ -194,15 +265,9 @@ def _prose(
             ours += " [{:.2f}, {:.2f}]".format(*rules.share_interval(holds))
     why = {clash.relation: clash.why for clash in clashes}.get(entry.contradicted_by, "")
     yield Row(
-        entry.id, entry.id, "prose", entry.where, entry.says, NONE, ours, (None, None), n,
-        entry.rule, rules.CANNOT if why else verdict, why, entry.notebook, entry.cell,
+        entry.id, entry.id, "prose", entry.where, entry.says, NONE, ours, n, entry.rule,
+        rules.CANNOT if why else verdict, why, entry.notebook, entry.cell,
     )  # fmt: skip
-
-
-def _summary(change: np.ndarray) -> dict:
-    error = float(np.std(change, ddof=1) / math.sqrt(len(change))) if len(change) > 1 else None
-    mean = float(change.mean()) if len(change) else None
-    return {"value": mean, "standard_error": error, "sample": list(change)}
 
 
 def claim_holds(entry: ProseEntry, results: dict[str, dict], preset: str) -> np.ndarray:
@@ -212,9 +277,9 @@ def claim_holds(entry: ProseEntry, results: dict[str, dict], preset: str) -> np.
     """
     levels = []
     for p in entry.p:
-        x = _sample(results, claims.key(entry.ours, preset, {"p": p}))
+        x = sample(results, claims.key(entry.ours, preset, {"p": p}))
         if entry.minus:
-            reference = _sample(results, claims.key(entry.minus, preset, {"p": p}))
+            reference = sample(results, claims.key(entry.minus, preset, {"p": p}))
             x = (x - reference) / (reference if entry.relative else 1.0)
         levels.append(x)
     x = np.array(levels)
@@ -227,14 +292,7 @@ def _within(entry: ProseEntry, x: np.ndarray) -> np.ndarray:
     return (x > entry.above) & (x >= entry.at_least) & (x <= entry.at_most)
 
 
-def frame(rows: list[Row]) -> pd.DataFrame:
-    """One row per claim, as shown in the paper and in the notebook of the audit."""
-    columns = ["id", "where", "what", "printed", "ours", "n", "rule", "verdict", "why",
-               "notebook", "cell"]  # fmt: skip
-    return pd.DataFrame([[getattr(row, name) for name in columns] for row in rows], columns=columns)
-
-
 def counts(rows: list[Row], kind: str) -> dict[str, int]:
-    """Verdict -> number of claims of a kind ("number" or "prose"), all five verdicts."""
+    """Verdict -> number of rows of a kind ("number" or "prose"), all verdicts."""
     found = Counter(row.verdict for row in rows if row.kind == kind)
     return {verdict: found[verdict] for verdict in rules.VERDICTS}

@@ -119,3 +119,10 @@ def match(pattern: str, path: Path) -> dict[str, str] | None:
         elif part != name:
             return None
     return found
+
+
+@cache
+def matching(pattern: str) -> dict[Path, dict[str, str]]:
+    """Every leaf of a pattern -> what its placeholders stand for there."""
+    found = {path: match(pattern, path) for path in leaves()}
+    return {path: names for path, names in found.items() if names is not None}

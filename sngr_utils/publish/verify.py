@@ -119,8 +119,9 @@ def adopt() -> None:
     Wall clocks are not compared, but a few verdicts rest on a ratio of them: they come along.
     """
     found = results.results_in(paths.RESULTS)
-    verdict_tables.update_readme(found)
-    verdict_tables.write_record(found)
+    verdicts = verdict_tables.judged(found)
+    verdict_tables.update_readme(verdicts)
+    verdict_tables.write_record(verdicts)
     paths.REFERENCE.mkdir(exist_ok=True)
     for name in notebooks.names():
         for kind, gather in (("", handed_on), (".timings", entries)):

@@ -93,9 +93,9 @@ def units_table(scores: pd.DataFrame) -> pd.DataFrame:
 
 
 def _millimetres(group: pd.DataFrame, after: str, before: str, fmt: str) -> Cell | str:
-    """Mean change of the pose RMSE with its interval."""
+    """Median change of the pose RMSE with its interval."""
     change = 1e3 * (group[f"{after}_pose_rmse"] - group[f"{before}_pose_rmse"])
-    return interval(summaries.mean_and_errors(change), fmt)
+    return interval(summaries.median_and_interval(change), fmt)
 
 
 def _accepted(group: pd.DataFrame) -> Cell:
@@ -107,10 +107,14 @@ def gains_table(refined: pd.DataFrame) -> pd.DataFrame:
     """What refinement does, per preset and p.
 
     Gains are medians, over worlds where anything fires, of each world's least, median and
-    largest; the change of the RMSE is a mean over all worlds, also those where nothing fires.
+    largest; so is the change of the RMSE, over all worlds, also those where nothing fires, beside
+    the worlds in which it falls and rises and the p-value of the sign test.
     """
-    return pd.DataFrame([
-        {
+    rows = []
+    for (preset, p), group in refined.groupby(["preset", "p"], sort=False):
+        change = group["sngr_pose_rmse"] - group["base_pose_rmse"]
+        less, more, p_value = summaries.sign_test(change.to_numpy())
+        rows.append({
             "preset": preset, "p": f"{p:g}",
             "refined, mean": t(group["triggered"].mean(), ".1f"),
             "accepted [%]": _accepted(group),
@@ -118,9 +122,10 @@ def gains_table(refined: pd.DataFrame) -> pd.DataFrame:
             "median gain [nats]": t(group["gain_median"].median(), ".3f"),
             "largest gain [nats]": t(group["gain_max"].median()),
             "RMSE change [mm]": _millimetres(group, "sngr", "base", ".1f"),
-        }
-        for (preset, p), group in refined.groupby(["preset", "p"], sort=False)
-    ])  # fmt: skip
+            "better / worse": cell("{:d} / {:d}", less, more),
+            "p-value": t(p_value, ".2g"),
+        })  # fmt: skip
+    return pd.DataFrame(rows)
 
 
 def corrected_table(table: pd.DataFrame) -> pd.DataFrame:

@@ -22,8 +22,8 @@ def from_grid(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def by_method(runs: pd.DataFrame, value: str, fmt: str = ".2f") -> pd.DataFrame:
-    """Mean and 95 % interval of a column from the grid, methods down and p across."""
-    table = summaries.summary(from_grid(runs), value, by=["method", "p"])
+    """Median and 95 % interval of a column from the grid, methods down and p across."""
+    table = summaries.medians(from_grid(runs), value, by=["method", "p"])
     rows = [
         [methods.shown(method), *(interval(row, fmt) for _, row in group.iterrows())]
         for method, group in table.groupby("method", sort=False)
@@ -49,9 +49,10 @@ def start_table(runs: pd.DataFrame) -> pd.DataFrame:
 def test_table(runs: pd.DataFrame, best: str) -> pd.DataFrame:
     """Every method against the best one and the oracle, at each p above zero.
 
-    The ratio to the oracle is the worst of all worlds; the difference from `best` is paired, in
-    millimetres, with the p-value of Wilcoxon's signed-rank test. On clean data some methods agree
-    to rounding, and a test of that tells nothing.
+    The ratio to the oracle is the worst of all worlds; the difference from `best` is the median
+    of the paired ones, in millimetres, with the worlds in which the method is worse, and the
+    p-value of the sign test. On clean data some methods agree to rounding, and a test of that
+    tells nothing.
     """
     chosen = from_grid(runs[runs["p"] > 0])
     levels = list(dict.fromkeys(chosen["p"]))
@@ -61,14 +62,19 @@ def test_table(runs: pd.DataFrame, best: str) -> pd.DataFrame:
         mine = chosen[chosen["method"] == method]
         worst = mine.groupby("p", sort=False)["ratio"].max()
         if method == best:
-            cells += [cell for p in levels for cell in (t(worst[p]), NONE, NONE)]
+            cells += [cell for p in levels for cell in (t(worst[p]), *[NONE] * 3)]
         else:
             tests = estimators.paired(runs, method, best).set_index("p")
             for p in levels:
-                found = 1e3 * tests.loc[p, "mean"], tests.loc[p, "p_value"]
-                cells += [t(worst[p]), t(found[0], ".0f"), t(found[1], ".2g")]
+                found = tests.loc[p]
+                cells += [
+                    t(worst[p]),
+                    t(1e3 * found["median"], ".0f"),
+                    f"{found['more']:.0f} of {found['n']:.0f}",
+                    t(found["p_value"], ".2g"),
+                ]
         rows.append(cells)
-    inner = ("worst ratio", "difference [mm]", "p-value")
+    inner = ("worst ratio", "difference [mm]", "worse in", "p-value")
     heads = [(f"p = {p:g}", name) for p in levels for name in inner]
     return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples([("", "method"), *heads]))
 
@@ -81,12 +87,12 @@ def time_table(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def ratio_series(runs: pd.DataFrame) -> dict[float, tuple[list[str], np.ndarray]]:
-    """p -> names and (M, 3) mean, low, high of the ratio to the oracle, from the grid."""
-    table = summaries.summary(from_grid(runs), "ratio", by=["p", "method"])
+    """p -> names and (M, 3) median, low, high of the ratio to the oracle, from the grid."""
+    table = summaries.medians(from_grid(runs), "ratio", by=["p", "method"])
     return {
         p: (
             [methods.shown(m) for m in group["method"]],
-            group[["mean", "low", "high"]].to_numpy(),
+            group[["median", "low", "high"]].to_numpy(),
         )
         for p, group in table.groupby("p", sort=False)
     }

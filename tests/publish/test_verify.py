@@ -142,6 +142,7 @@ def test_compare_and_adopt_on_folders(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(notebooks, "names", lambda: ["01_bimodal"])
     monkeypatch.setattr(paths, "REFERENCE", tmp_path / "reference")
     monkeypatch.setattr(paths, "RESULTS", tmp_path / "verify/01_bimodal")
+    monkeypatch.setattr(verdict_tables, "judged", lambda results: results)
     monkeypatch.setattr(verdict_tables, "update_readme", lambda results: seen.update(results))
     monkeypatch.setattr(verdict_tables, "write_record", lambda results: recorded.update(results))
     seen, recorded = {}, {}
