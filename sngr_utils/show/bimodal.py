@@ -177,3 +177,40 @@ def run_plot(run: WeightedSamples) -> Figure:
         ax.xaxis.label.set_size(8)
         ax.yaxis.label.set_size(8)
     return fig
+
+
+def draw_shrinkage(ax: Axes, assumed: np.ndarray, true: np.ndarray) -> None:
+    """Log of the prior volume left at each step (N,), as the law has it and as it is."""
+    ax.plot(true, color=style.SAMPLES, label="as it is, on a grid")
+    ax.plot(assumed, "--", color=style.TRUTH, label=r"$-i/n$")
+    ax.set(xlabel="points discarded, $i$", ylabel="log volume left")
+    ax.legend()
+
+
+def draw_weights(
+    ax: Axes, heights: np.ndarray, log_volume: np.ndarray, weights: np.ndarray
+) -> None:
+    """Likelihood, volume left and posterior weight at each step (N,), each over its largest."""
+    looks = {
+        "likelihood": (np.exp(heights - heights.max()), style.ESTIMATE, "-"),
+        "volume left": (np.exp(log_volume), style.PRIOR, "--"),
+        "weight": (weights / weights.max(), style.SAMPLES, "-"),
+    }
+    for name, (values, colour, dash) in looks.items():
+        ax.plot(values, dash, color=colour, label=name)
+    ax.set(xlabel="points discarded, $i$", ylabel="share of the largest")
+    ax.legend()
+
+
+def draw_live_panels(
+    axes: Sequence[Axes], history: Sequence[np.ndarray], steps: Sequence[int], config: Config
+) -> None:
+    """Live points (n, 2) in the plane after some of the steps, with the two circles, [m]."""
+    for ax, step in zip(axes, steps, strict=True):
+        for anchor in config.anchors:
+            circle = Circle(anchor, config.measured_range, fill=False, color=style.PRINTED, lw=0.6)
+            ax.add_patch(circle)
+        ax.plot(*history[step].T, ".", ms=2.5, color=style.SAMPLES)
+        ax.set(title=f"after {step}", xlabel="x [m]", aspect="equal")
+        ax.set(xlim=(-6, 10), ylim=(-8, 8))
+    axes[0].set_ylabel("y [m]")

@@ -83,9 +83,9 @@ def test_exercises_have_folded_solutions(name):
     assert text.count("<details>") == text.count("</details>") == len(solutions)
 
 
-@pytest.mark.parametrize("name", ["00_start_here"])
+@pytest.mark.parametrize("name", ["00_start_here", "01_bimodal"])
 def test_pictures_are_described_to_who_cannot_see_them(name):
-    """A cell's "alt" says what its picture shows and what to notice (nbconvert's alt text)."""
+    """A cell's "alt" says what its picture shows and what to notice (the site's alt text)."""
     for cell in code_cells(name):
         drawn = any("image/png" in output.get("data", {}) for output in cell.outputs)
         told = cell.metadata.get("alt", "")
