@@ -166,8 +166,7 @@ def concluded(chain: Chain, loss: Loss, at: State, least: float, steps: int, con
     """The `Estimate` that `minimise` has found, with the information at it."""
     system = linearise(chain, loss, at)
     joint = eliminate_poses(system, len(at.landmarks))
-    poses = np.column_stack([at.frames[:, :2], np.arctan2(at.frames[:, 3], at.frames[:, 2])])
-    found = poses, at.landmarks, at.calibration, at.residuals
+    found = information.poses_of(at.frames), at.landmarks, at.calibration, at.residuals
     return Estimate(*found, least, steps, converged, system, joint)
 
 
