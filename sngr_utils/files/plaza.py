@@ -1,8 +1,10 @@
 """The Plaza sets, which the gtsam wheel ships: a mower among four radios, with GPS.
 
 `DRp` are dead-reckoned poses, `GT` is GPS, `TD` has the ranges and `TL` the radios. The heading
-that comes with Plaza1's odometry is that of the GPS, to the last bit; an honest one is the course
-of the dead-reckoned positions.
+that comes with Plaza1's odometry is that of the GPS, to the last bit: whoever drives the measured
+lengths along it has the GPS for a compass. The dead-reckoned positions follow a gyro, and their
+course is an honest heading. The lengths are those of the GPS too, in both sets, within .1 mm for
+most steps: no odometry of these sets is free of the truth.
 
 Source: Djugash, Hamner, Roth, Navigating with ranging radios: five data sets with ground truth,
 Journal of Field Robotics 26, 2009.
@@ -23,6 +25,7 @@ SLOW = 0.1  # of the median step of those that move, below which a course is noi
 # Where `noise_estimation` begins; nothing here is set by the truth
 RANGE_SIGMA = 1.0  # m
 PER_ROOT_METRE = (0.1, 0.1, 0.01)  # m, m, rad
+SCALE, OFFSET = (1.0, 0.1), (0.0, RANGE_SIGMA)  # means and sigmas of what is nearly open
 STANDING = 0.01  # m, the least length that a step counts as
 SILENCE, BRIDGED = 5.0, 1.0  # s without a range that get poses all the same, and how far apart
 HEADINGS = ("course", "leaked")
@@ -43,7 +46,8 @@ def wheel(name: str) -> Path:
 def read(path: Path, heading: str = "course") -> Recording:
     """The recording in a set: a pose for each time of a range; range scale and offset are open.
 
-    A long silence has poses too, for its odometry is no straight line.
+    A long silence has poses too, for its odometry is no straight line. The priors on scale and
+    offset are weak, and keep a short stretch in bounds.
 
     Parameters
     ----------
@@ -57,8 +61,8 @@ def read(path: Path, heading: str = "course") -> Recording:
         raise ValueError(f"heading is {heading!r}: it must be one of {', '.join(HEADINGS)}")
     reckoned, gps, ranges, radios = _tables(path)
     times = _times(ranges[:, 0])
-    angles = _course(reckoned) if heading == "course" else np.unwrap(reckoned[:, 3])
-    poses = _at(times, reckoned[:, 0], np.column_stack([reckoned[:, 1:3], angles]))
+    path = _honest(reckoned) if heading == "course" else _leaked(reckoned)
+    poses = _at(times, reckoned[:, 0], path)
     true = _at(times, gps[:, 0], np.column_stack([gps[:, 1:3], np.unwrap(gps[:, 3])]))
     names = [str(int(radio)) for radio in radios[:, 0]]
     labels = [names.index(str(int(radio))) for radio in ranges[:, 2]]
@@ -76,8 +80,8 @@ def read(path: Path, heading: str = "course") -> Recording:
             n_landmarks=len(names),
             x0_mean=poses[0],
             x0_sigmas=frame_sigmas(np.array([RANGE_SIGMA])),
-            scale=(1.0, np.inf),
-            offset=(0.0, np.inf),
+            scale=SCALE,
+            offset=OFFSET,
         )
     sources = np.array(labels)[log.row_of]
     return Recording(log, Truth(poses=true, landmarks=radios[:, 1:], source_of=sources), names)
@@ -115,14 +119,24 @@ def _times(heard: np.ndarray) -> np.ndarray:
     return np.unique(np.concatenate([times, *bridges]))
 
 
-def _course(path: np.ndarray) -> np.ndarray:
-    """(T,) direction in which a path goes, held where it stands still, [rad]."""
-    steps = np.diff(path[:, 1:3], axis=0)
+def _honest(reckoned: np.ndarray) -> np.ndarray:
+    """(T, 3) dead-reckoned positions and their course, held where they stand still."""
+    steps = np.diff(reckoned[:, 1:3], axis=0)
     lengths = np.hypot(*steps.T)
     moves = lengths > SLOW * np.median(lengths[lengths > lengths.mean()])
-    middle = 0.5 * (path[:-1, 0] + path[1:, 0])
+    middle = 0.5 * (reckoned[:-1, 0] + reckoned[1:, 0])
     angles = np.unwrap(np.arctan2(steps[moves, 1], steps[moves, 0]))
-    return np.interp(path[:, 0], middle[moves], angles)
+    course = np.interp(reckoned[:, 0], middle[moves], angles)
+    return np.column_stack([reckoned[:, 1:3], course])
+
+
+def _leaked(reckoned: np.ndarray) -> np.ndarray:
+    """(T, 3) where the lengths of the steps lead along the heading in the file."""
+    angles = np.unwrap(reckoned[:, 3])
+    middle = 0.5 * (angles[:-1] + angles[1:])
+    lengths = np.hypot(*np.diff(reckoned[:, 1:3], axis=0).T)
+    steps = lengths[:, None] * np.column_stack([np.cos(middle), np.sin(middle)])
+    return np.column_stack([np.vstack([[0, 0], np.cumsum(steps, axis=0)]), angles])
 
 
 def _at(times: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:

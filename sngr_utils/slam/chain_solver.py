@@ -133,6 +133,12 @@ class Estimate:
         return conclude(system, self._joint, self.landmarks)
 
     @property
+    def log_determinant(self) -> float:
+        """Of the information of all that is estimated, [nats] in units of m and rad."""
+        poses = np.linalg.slogdet(self._system.own)[1].sum()
+        return float(-poses - np.linalg.slogdet(self._joint)[1])
+
+    @property
     def position_covariances(self) -> np.ndarray:
         """(T, 2, 2) in the world frame, [m^2]"""
         cos, sin = np.cos(self.poses[:, 2]), np.sin(self.poses[:, 2])
