@@ -21,7 +21,9 @@ import what stands below it (``make lint`` checks that, see pyproject.toml):
 `robust`             ways of doubting a label: losses, switches, mixtures, EM, particles
                      (section "Ways of doubting")
 `slam`               factors, iSAM2, marginals, landmark starts (section "Problem")
-`world`              the simulated scenario (section "Experimental set-up")
+`files`              logs from files and into files: `.pyfg`, `.fg`, the Plaza sets, tables
+`world`              the simulated scenario (section "Experimental set-up"); what a log and its
+                     truth are
 `numerics`           compiled functions that several rooms need
 `publish`            from results to the PDF: reports, verdicts, LaTeX, the runner, `make verify`
 `metrics`            RMSE and NEES, precision and recall, intervals over worlds

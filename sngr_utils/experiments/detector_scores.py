@@ -84,7 +84,9 @@ def scores(
     """
     plain = selected_inverse.covariance(solution, the_world, conventions)
     poses, landmarks = solution.poses, solution.landmarks
-    robust_estimate = em.estimate(the_world, conventions, "grid", exclusive=True)
+    robust_estimate = em.estimate(
+        the_world.log(conventions.x0_sigmas), conventions, "grid", exclusive=True, clutter=False
+    )
     reference = robust_estimate.poses, robust_estimate.landmarks
     own = robust_estimate.responsibilities[np.arange(len(the_world.ranges)), the_world.label_of]
     trusted = selected_inverse.covariance_at(*reference, the_world.keep(own > TRUSTED), conventions)

@@ -84,7 +84,7 @@ def estimate(
     ValueError : unknown method or start
     """
     _require_known([method], [start])
-    ((_, _, given, begin),) = _pairs(the_world, [method], [start])
+    ((_, _, given, begin),) = _pairs(the_world, conventions, [method], [start])
     return _from(given, conventions, method, begin, particles, rng)
 
 
@@ -105,7 +105,8 @@ def _from(
 ) -> Estimate:
     """The estimate of `method` from poses and landmarks to start from."""
     if method in ("em", "em_exclusive"):
-        soft = em.fit(the_world, conventions, start, method == "em_exclusive")
+        log, exclusive = the_world.log(conventions.x0_sigmas), method == "em_exclusive"
+        soft = em.fit(log, conventions, start, exclusive=exclusive, clutter=False)
         return Estimate(soft.poses, soft.landmarks, soft.position_covariances)
     if method == "fastslam":
         found = fastslam.run(the_world, conventions, particles, rng=rng)
@@ -210,7 +211,7 @@ def _compare_one(
 ) -> list[tuple]:
     the_world = simulation.simulate(scenario, p, rng=np.random.default_rng(seed))
     rows = []
-    for method, start, given, begin in _pairs(the_world, methods, starts):
+    for method, start, given, begin in _pairs(the_world, conventions, methods, starts):
         rng = np.random.default_rng([seed, STREAM])
         before = time.thread_time()
         found = _from(given, conventions, method, begin, particles, rng)
@@ -223,24 +224,29 @@ def _compare_one(
 
 
 def _pairs(
-    the_world: simulation.World, methods: Sequence[str], starts: Sequence[str]
+    the_world: simulation.World,
+    conventions: Conventions,
+    methods: Sequence[str],
+    starts: Sequence[str],
 ) -> Iterator[tuple[str, str, simulation.World, losses.Estimate]]:
     """Method, start, the world it is given, and where it begins; each start computed once."""
     poses = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
     nowhere = np.full((the_world.n_landmarks, 2), np.nan)
+    log = the_world.log(conventions.x0_sigmas)
     for method in methods:
         if method in WITHOUT_START:
             yield method, "none", the_world, (poses, nowhere)
     for start in starts:
-        landmarks = landmark_starts.start_landmarks(the_world, poses, start)
+        landmarks = landmark_starts.start_landmarks(log, poses, start)
         for method in methods:
             if method == "oracle":
                 true = replace(the_world, label_of=the_world.source_of)
+                log = true.log(conventions.x0_sigmas)
                 yield (
                     method,
                     start,
                     true,
-                    (poses, landmark_starts.start_landmarks(true, poses, start)),
+                    (poses, landmark_starts.start_landmarks(log, poses, start)),
                 )
             elif method not in WITHOUT_START:
                 yield method, start, the_world, (poses, landmarks)

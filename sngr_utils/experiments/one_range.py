@@ -94,15 +94,16 @@ def ambiguous(scenario: Scenario, p: float, seed: int) -> Ambiguous:
     """The range of a world whose source is most open under EM, as each mixture sees it."""
     conventions = PRESETS[READING]
     the_world = simulation.simulate(scenario, p, rng=np.random.default_rng(seed))
-    found = em.estimate(the_world, conventions, "grid", exclusive=False)
-    at = the_world, found.poses, found.landmarks
+    log = the_world.log(conventions.x0_sigmas)
+    found = em.estimate(log, conventions, "grid", exclusive=False, clutter=False)
+    at = log, found.poses, found.landmarks
     alone, scan = (
-        association.responsibilities(*at, found.p, 1.0, exclusive)[:, :-1]
+        association.responsibilities(*at, found.shares, 1.0, exclusive)[:, :-1]
         for exclusive in (False, True)
     )
     m = int(np.argmax(stats.entropy(alone, axis=1)))
-    best, _ = max_mixtures.choose_landmark(*at)
-    prior = np.exp(association.log_prior(the_world.label_of, the_world.n_landmarks, found.p))
+    best, _ = max_mixtures.choose_landmark(the_world, *at[1:])
+    prior = np.exp(association.log_prior(log, found.shares))[:, :-1]
     hard = np.eye(the_world.n_landmarks)
     beliefs = {
         "label": hard[the_world.label_of[m]], "prior": prior[m],

@@ -219,10 +219,9 @@ def few_poses(
     nearest to where the robot starts, whose mirror image is not far either.
     """
     blind = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
-    variances = (
-        dead_reckoning.dead_reckoning_variances(blind, the_world.scenario)
-        + the_world.scenario.range_sigma**2
-    )
+    scenario = the_world.scenario
+    variances = dead_reckoning.dead_reckoning_variances(blind, np.diag(scenario.odometry_sigmas**2))
+    variances += scenario.range_sigma**2
     k = int(np.argmax(the_world.landmarks[:, 0]))
     panels = []
     for n in FEW_POSES:

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from sngr_utils import paths
-from sngr_utils.experiments import isam2_over_worlds, row_store
+from sngr_utils.experiments import isam2_over_worlds, real_data, row_store
 from sngr_utils.experiments.many_worlds import map_worlds
 from sngr_utils.settings import READING
 from sngr_utils.slam.conventions import PRESETS
@@ -48,6 +48,10 @@ STUDIES = {
         isam2_over_worlds.run_rows,
         [(Scenario(), PRESETS[READING], 0.2, seed) for seed in range(7000, 8000)],
     ),
+    # the Plaza sets: labels right, wrong, none, and failures provoked
+    "plaza": Study(real_data.run_plaza, real_data.plaza_cells(range(7000, 7005)), within=1e-3),
+    # GOATS, by ranges held out
+    "goats": Study(real_data.run_goats, [(15,), (16,)], within=1e-3),
 }
 
 

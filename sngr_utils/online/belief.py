@@ -3,7 +3,9 @@
 Nothing is decided here. `slips`, `landmarks` and `estimator` decide.
 """
 
+import warnings
 from collections import Counter
+from dataclasses import replace
 
 import gtsam
 import numpy as np
@@ -13,16 +15,17 @@ from sngr_utils.online import data_association, localisation
 from sngr_utils.online.data_association import DROPPED, Credit
 from sngr_utils.online.smoother import Smoother
 from sngr_utils.robust import association
+from sngr_utils.robust.association import Shares
 from sngr_utils.sampling.targets import place
 from sngr_utils.slam import selected_inverse, solution
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.factors import landmark_prior, odometry_factor, pose_prior, range_factor
 from sngr_utils.world.dead_reckoning import dead_reckoning
+from sngr_utils.world.log import Log, LogWarning
 from sngr_utils.world.simulation import World
 
 P_PRIOR = (2.0, 8.0)  # wrong and right labels that count as seen before the first
 SLIP_SIGMA = 1.0  # m, of a step of the odometry that is no longer trusted
-SURE = ("x0", "odometry", "landmark")  # kinds of factors that are not ranges
 
 
 class Belief:
@@ -49,6 +52,21 @@ class Belief:
         self.counts: Counter = Counter()
         prior = pose_prior(data.x0_mean, conventions.x0_sigmas)
         self._update({("x0",): prior}, start=solution.values_of(self.poses, self.landmarks))
+
+    @property
+    def log(self) -> Log:
+        """What has been measured so far, with the steps that are not trusted."""
+        with warnings.catch_warnings():  # a landmark without a range is nothing odd so early
+            warnings.simplefilter("ignore", LogWarning)
+            log = self.data.log(self.conventions.x0_sigmas)
+            covariances = log.odometry_covariances.copy()
+            covariances[list(self.slipped), :2, :2] = SLIP_SIGMA**2 * np.eye(2)
+            return replace(log, odometry_covariances=covariances)
+
+    @property
+    def shares(self) -> Shares:
+        """Of wrong labels; there is no clutter."""
+        return Shares(self.p, 0.0)
 
     # --- the newest pose --------------------------------------------------------------------
 
@@ -143,15 +161,6 @@ class Belief:
         self.poses = solution.poses_of(self.smoother.values, self.data.n_poses)
         self.landmarks = solution.landmarks_of(self.smoother.values, self.data.n_landmarks)
 
-    def sure_factors(self, landmarks: np.ndarray) -> gtsam.NonlinearFactorGraph:
-        """x0 prior, odometry as far as it is trusted, weak priors on (K, 2) landmarks, [m]."""
-        factors = self.smoother.factors("x0", "odometry")
-        for k in np.flatnonzero(np.isfinite(landmarks[:, 0])):
-            factors.push_back(
-                landmark_prior(k, landmarks[k], self.conventions.landmark_prior_sigma)
-            )
-        return factors
-
     # --- uncertainty ------------------------------------------------------------------------
 
     def covariance(self) -> selected_inverse.ChainCovariance:
@@ -180,9 +189,9 @@ class Belief:
 
         Without the weak priors on landmarks, which sit where each estimate started.
         """
-        residuals = association.residuals(self.data, poses, landmarks)
+        residuals = association.residuals(self.log, poses, landmarks)
         variances = np.full(residuals.shape, self.data.scenario.range_sigma**2)
-        joint = association.log_joint(self.data, residuals, variances, self.p)
+        joint = association.log_joint(self.log, residuals, variances, self.shares)
         fit = np.logaddexp.reduce(joint, axis=1)
         sure = self.smoother.factors("x0", "odometry")
         return sure.error(solution.values_of(poses, landmarks)) - float(fit.sum())

@@ -13,6 +13,7 @@ from scipy import stats
 from sngr_utils.robust import association, mutual_exclusion
 from sngr_utils.slam import selected_inverse
 from sngr_utils.slam.factors import range_derivatives
+from sngr_utils.world.log import Log
 from sngr_utils.world.simulation import World
 
 GATE = stats.chi2.ppf(0.99, 1)  # squared normalised innovation that puts a range in question
@@ -95,8 +96,9 @@ def innovations(
 
 
 def decide(
-    data: World, found: Innovations, used: np.ndarray, p: float, exclusive: bool, swap: bool
-) -> Credit:
+    data: Log, found: Innovations, used: np.ndarray, shares: association.Shares,
+    exclusive: bool, swap: bool,
+) -> Credit:  # fmt: skip
     """Credit every range anew: label kept, swapped for a likelier one, or dropped.
 
     Scans without a doubt keep their labels. In the others a range goes to the landmark that has
@@ -105,7 +107,7 @@ def decide(
     Parameters
     ----------
     used : (M,) int, landmark each range is credited to so far, or `DROPPED`
-    p : probability of a wrong label
+    shares : of wrong labels and of clutter
     exclusive : the ranges of a scan come from different landmarks
     swap : a range may go to another landmark than that of its label
     """
@@ -121,7 +123,7 @@ def decide(
     asked = np.flatnonzero(np.isin(data.pose_of, data.pose_of[doubtful]))
     if len(asked) == 0:
         return Credit(used, weights)
-    logs = association.log_joint(data, found.residuals, found.variances, p)[asked]
+    logs = association.log_joint(data, found.residuals, found.variances, shares)[asked]
     weights[asked] = (
         mutual_exclusion.exclusive_posterior(logs, data.pose_of[asked])
         if exclusive

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sngr_utils.online import data_association, slips
-from sngr_utils.online.belief import P_PRIOR, SURE, Belief
+from sngr_utils.online.belief import P_PRIOR, Belief
 from sngr_utils.online.data_association import DROPPED
 from sngr_utils.online.landmarks import drop_landmarks, start_landmarks
 from sngr_utils.robust import association, em, louis_covariance
 from sngr_utils.settings import Checked, Probability
-from sngr_utils.slam import landmark_starts
+from sngr_utils.slam import chain_problem, chain_solver, landmark_starts
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.world.dead_reckoning import dead_reckoning
 from sngr_utils.world.simulation import World
@@ -154,13 +154,15 @@ class Online:
             return False
         found = belief.innovations(belief.covariance())
         credit = data_association.decide(
-            belief.data, found, belief.credit.used, belief.p, settings.exclusive, settings.swap
-        )
+            belief.log, found, belief.credit.used, belief.shares, settings.exclusive,
+            settings.swap,
+        )  # fmt: skip
         if settings.p is None:
             judged = np.isfinite(belief.landmarks[belief.data.label_of, 0])
-            belief.p = association.share_wrong(
-                credit.weights[judged], belief.data.label_of[judged], P_PRIOR
-            )
+            belief.p = association.estimate_shares(
+                belief.log.keep(judged), credit.weights[judged], belief.landmarks, belief.shares,
+                P_PRIOR,
+            ).wrong  # fmt: skip
         used = credit.used
         if newest_only:
             newest = belief.data.pose_of == belief.data.n_poses - 1
@@ -189,11 +191,12 @@ class Online:
         belief.counts["batch trials"] += 1
         blind = dead_reckoning(data.x0_mean, data.odometry)
         starts = [(belief.poses, belief.landmarks)] if np.isfinite(belief.landmarks).all() else []
-        starts.append((blind, landmark_starts.start_landmarks(data, blind, "grid")))
+        starts.append((blind, landmark_starts.start_landmarks(belief.log, blind, "grid")))
         found, least = None, belief.cost(belief.poses, belief.landmarks) - BETTER
         for start in starts:
-            sure = belief.sure_factors(start[1])
-            fit = em.fit(data, belief.conventions, start, settings.exclusive, sure=sure)
+            fit = em.fit(
+                belief.log, belief.conventions, start, exclusive=settings.exclusive, clutter=False
+            )
             cost = belief.cost(fit.poses, fit.landmarks)
             if cost < least:
                 found, least = fit, cost
@@ -215,14 +218,18 @@ class Online:
         start = belief.poses, belief.landmarks
         if self.settings.soft:
             # weak priors where the landmarks are by now: their first places still pulled a little
-            sure = belief.sure_factors(belief.landmarks)
-            found = em.fit(data, belief.conventions, start, self.settings.exclusive, 1.0, sure)
+            found = em.fit(
+                belief.log, belief.conventions, start, exclusive=self.settings.exclusive,
+                clutter=False, widest=1.0,
+            )  # fmt: skip
             poses, landmarks = found.poses, found.landmarks
             covariances = found.position_covariances
         else:
             poses, landmarks = start
+            sigma = belief.conventions.landmark_prior_sigma
+            chain = chain_problem.of_log(belief.log, landmarks, sigma)
             covariances = louis_covariance.position_covariances(
-                belief.smoother.factors(*SURE), data, *start, np.eye(data.n_landmarks + 1)[used]
+                chain, chain_solver.state_of(chain, *start), np.eye(data.n_landmarks + 1)[used]
             )
         belief.counts["slips"] = len(belief.slipped)
         belief.counts["dropped"] = int(np.sum(used == DROPPED))

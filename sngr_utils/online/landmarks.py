@@ -76,7 +76,7 @@ def witnesses(
     fair chance.
     """
     data, absent = belief.data, np.isnan(belief.landmarks[:, 0])
-    prior = np.exp(association.log_prior(data.label_of, data.n_landmarks, belief.p))
+    prior = np.exp(association.log_prior(belief.log, belief.shares))[:, :-1]
     chances = belief.credit.weights[:, -1] * prior[:, k] / prior[:, absent].sum(axis=1)
     mine = np.flatnonzero((belief.credit.used == DROPPED) & (chances > LIKELY))
     seen_from = data.pose_of[mine]

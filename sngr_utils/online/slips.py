@@ -40,7 +40,7 @@ def find_robot(belief: Belief, by_nested: bool, *, rng: np.random.Generator) -> 
     if not lost and np.mean(fit) >= 0.5:
         return
     m, k = (grid.ravel() for grid in np.meshgrid(scan, np.flatnonzero(known), indexing="ij"))
-    prior = np.exp(association.log_prior(data.label_of, data.n_landmarks, belief.p))[m, k]
+    prior = np.exp(association.log_prior(belief.log, belief.shares))[m, k]
     own = np.diag(covariance.landmarks).reshape(-1, 2).mean(axis=1)[k]
     evidence = place.Evidence(
         belief.landmarks[k], data.ranges[m], own + data.scenario.range_sigma**2, 1 - prior,

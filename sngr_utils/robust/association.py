@@ -1,28 +1,60 @@
 """Data association: the posterior of which landmark a range came from.
 
-A range is credited to a landmark, rightly with probability 1 - p, else it came from any other
-landmark alike. Given distances that posterior is a softmax, range by range; if the ranges of one
-scan come from different landmarks, it is a sum over all matchings of the scan.
+A range is clutter, from no landmark at all and uniform up to the longest there is; or it is from
+the landmark of its label; or, the label being wrong, from any other landmark alike. Given
+distances that posterior is a softmax, range by range; if the ranges of one scan come from
+different landmarks, it is a sum over all matchings of the scan.
 """
 
-import gtsam
+from typing import NamedTuple
+
 import numpy as np
 from scipy import special
 
 from sngr_utils.robust.mutual_exclusion import exclusive_posterior
-from sngr_utils.slam.factors import range_factor
-from sngr_utils.world import simulation
+from sngr_utils.world.log import NO_LABEL, Log
 
 JEFFREYS = (0.5, 0.5)  # wrong and right labels that count as seen before the first
-LOG_CLUTTER = -np.inf  # log density of a range from no landmark, [1/m]: there is none so far
-NEGLIGIBLE = 1e-3  # responsibilities below it make no factor
+RARE = (0.5, 9.5)  # ranges from no landmark, and from one: one in twenty, and hardly known
+NEGLIGIBLE = 1e-3  # responsibilities below it count for nothing
 
 
-def log_prior(labels: np.ndarray, n_landmarks: int, p: float) -> np.ndarray:
-    """(N, K) log probability that a range came from each landmark, knowing its label only."""
-    prior = np.full((len(labels), n_landmarks), np.log(p / (n_landmarks - 1)))
-    prior[np.arange(len(labels)), labels] = np.log1p(-p)
-    return prior
+class Shares(NamedTuple):
+    """How often what can go wrong does.
+
+    Attributes
+    ----------
+    wrong : of the labels, among ranges that came from a landmark, in (0, 1)
+    clutter : ranges that came from no landmark, of all, in [0, 1)
+    """
+
+    wrong: float
+    clutter: float
+
+
+def log_prior(log: Log, shares: Shares) -> np.ndarray:
+    """(M, K+1) log probability of each source of a range, knowing its label only.
+
+    The last column is "no landmark". A range without a label may be from any landmark alike.
+    Label probabilities say which landmark the label may mean, and what they leave over is for
+    none.
+    """
+    meant, wrong = _meant(log), shares.wrong if log.n_landmarks > 1 else 0.0
+    total = meant.sum(axis=1, keepdims=True)
+    source = (1 - wrong) * meant + wrong * (total - meant) / max(log.n_landmarks - 1, 1)
+    none = shares.clutter + (1 - shares.clutter) * np.maximum(1 - total, 0)
+    with np.errstate(divide="ignore"):
+        return np.log(np.hstack([(1 - shares.clutter) * source, none]))
+
+
+def _meant(log: Log) -> np.ndarray:
+    """(M, K) probability of each landmark to be the one that the label means."""
+    if log.label_probabilities is not None:
+        return log.label_probabilities
+    meant = np.full((len(log.ranges), log.n_landmarks), 1 / max(log.n_landmarks, 1))
+    labelled = log.label_of != NO_LABEL
+    meant[labelled] = np.eye(log.n_landmarks)[log.label_of[labelled]]
+    return meant
 
 
 def posterior(log_weights: np.ndarray) -> np.ndarray:
@@ -37,81 +69,104 @@ def posterior(log_weights: np.ndarray) -> np.ndarray:
 
 
 def responsibilities(
-    the_world: simulation.World,
+    log: Log,
     poses: np.ndarray,
     landmarks: np.ndarray,
-    p: float,
+    shares: Shares,
     width: float,
     exclusive: bool,
+    calibration: np.ndarray | None = None,
 ) -> np.ndarray:
-    """(M, K+1) posterior of every range over landmarks and "none", at given places.
-
-    A landmark that is absent (NaN) may be the source all the same; its ranges are uniform up to
-    the longest there is, and its weight goes to "none".
+    """(M, K+1) posterior of every range over landmarks and "none of these", at given places.
 
     Parameters
     ----------
-    p : probability of a wrong label, in (0, 1)
     width : of the range noise, in range sigmas
+    exclusive : no two ranges of a scan come from the same landmark
+    calibration : as for `residuals`
     """
-    found = residuals(the_world, poses, landmarks)
-    variances = np.full(found.shape, (width * the_world.scenario.range_sigma) ** 2)
-    log_weights = log_joint(the_world, found, variances, p)
+    found = residuals(log, poses, landmarks, calibration)
+    variances = np.broadcast_to((width * log.range_sigmas[:, None]) ** 2, found.shape)
+    log_weights = log_joint(log, found, variances, shares)
     if not exclusive:
         return posterior(log_weights)
-    return exclusive_posterior(log_weights, the_world.pose_of)
+    return exclusive_posterior(log_weights, log.pose_of)
 
 
-def residuals(the_world: simulation.World, poses: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
-    """(M, K) measured range less the distance to every landmark, [m]; NaN for a NaN landmark."""
-    offsets = landmarks - poses[the_world.pose_of, None, :2]
-    return the_world.ranges[:, None] - np.linalg.norm(offsets, axis=2)
-
-
-def log_joint(
-    the_world: simulation.World, residuals: np.ndarray, variances: np.ndarray, p: float
+def residuals(
+    log: Log, poses: np.ndarray, landmarks: np.ndarray, calibration: np.ndarray | None = None
 ) -> np.ndarray:
+    """(M, K) measured range less the one expected of every landmark, [m]; NaN for a NaN landmark.
+
+    Parameters
+    ----------
+    calibration : (2,) range scale, and offset [m]; None for the means of the log's
+    """
+    scale, offset = (log.scale[0], log.offset[0]) if calibration is None else calibration
+    distances = np.linalg.norm(landmarks - poses[log.pose_of, None, :2], axis=2)
+    return log.ranges[:, None] - (scale * distances + offset)
+
+
+def log_joint(log: Log, residuals: np.ndarray, variances: np.ndarray, shares: Shares) -> np.ndarray:
     """(M, K+1) log of prior times likelihood of every range over landmarks and "none of these".
 
-    "None" stands for landmarks that are not in the map, whose residuals are NaN: they may be the
-    source all the same, of a range that is uniform up to the longest there is. And it stands for
-    no landmark at all, with `LOG_CLUTTER`.
+    "None" stands for no landmark at all, and for those that are not in the map, whose residuals
+    are NaN: they may be the source all the same. Either way the range is uniform up to the
+    longest there is.
 
     Parameters
     ----------
     residuals, variances : (M, K), [m] and [m^2]
-    p : probability of a wrong label
     """
-    prior = log_prior(the_world.label_of, the_world.n_landmarks, p)
-    absent = np.isnan(residuals).all(axis=0)
-    joint = np.full((len(prior), prior.shape[1] + 1), LOG_CLUTTER)
-    gaussian = -0.5 * (residuals**2 / variances + np.log(2 * np.pi * variances))
-    joint[:, :-1] = np.where(absent, -np.inf, prior + gaussian)
-    if absent.any():
-        elsewhere = special.logsumexp(prior[:, absent], axis=1) - np.log(the_world.ranges.max())
-        joint[:, -1] = np.logaddexp(LOG_CLUTTER, elsewhere)
+    joint = log_prior(log, shares)
+    absent = np.append(np.isnan(residuals).all(axis=0), True)
+    elsewhere = special.logsumexp(joint[:, absent], axis=1) - np.log(_longest(log))
+    joint[:, :-1] -= 0.5 * (residuals**2 / variances + np.log(2 * np.pi * variances))
+    joint[:, absent] = -np.inf
+    joint[:, -1] = elsewhere
     return joint
 
 
-def share_wrong(weights: np.ndarray, labels: np.ndarray, prior: tuple = JEFFREYS) -> float:
-    """Posterior mean of the share of wrong labels under a Beta prior.
+def _longest(log: Log) -> float:
+    """The longest range, [m]; of no matter if there is none."""
+    return float(log.ranges.max(initial=np.finfo(float).tiny))
+
+
+def estimate_shares(
+    log: Log,
+    weights: np.ndarray,
+    landmarks: np.ndarray,
+    shares: Shares,
+    prior: tuple[float, float] = JEFFREYS,
+) -> Shares:
+    """Posterior means of both shares, given the sources of the ranges; a clutter of 0 stays 0.
+
+    What a range has of "none of these" is clutter, and landmarks that are not in the map, as
+    likely as before it was measured. Labels are judged by what is a landmark's, where there are
+    labels.
 
     Parameters
     ----------
     weights : (M, K+1) posterior of every range's source
+    landmarks : (K, 2), NaN for one that is not in the map
+    shares : with which the weights were found
     prior : wrong and right labels that count as seen beforehand
     """
-    right = weights[np.arange(len(labels)), labels].sum()
-    return float((prior[0] + len(labels) - right) / (sum(prior) + len(labels)))
+    chances = np.exp(log_prior(log, shares))
+    none = np.append(np.isnan(landmarks[:, 0]), True)
+    split = chances[:, none] / np.maximum(chances[:, none].sum(axis=1, keepdims=True), 1e-300)
+    sources = weights.copy()
+    sources[:, none] = weights[:, -1:] * split
+    judged = (log.label_of != NO_LABEL) | (log.label_probabilities is not None)
+    from_landmark = sources[judged, :-1]
+    right = (1 - shares.wrong) * (1 - shares.clutter) * _meant(log)[judged]
+    right = np.sum(from_landmark * right / np.maximum(chances[judged, :-1], 1e-300))
+    wrong = _mean(from_landmark.sum() - right, from_landmark.sum(), prior)
+    if shares.clutter == 0:
+        return Shares(wrong, 0.0)
+    return Shares(wrong, _mean(sources[:, -1].sum(), len(sources), RARE))
 
 
-def weighted_factors(
-    sure: gtsam.NonlinearFactorGraph, the_world: simulation.World, weights: np.ndarray, width: float
-) -> gtsam.NonlinearFactorGraph:
-    """The sure factors, and each range to each landmark by its responsibility."""
-    factors = gtsam.NonlinearFactorGraph(sure)
-    sigma = width * the_world.scenario.range_sigma
-    for m, k in np.argwhere(weights[:, :-1] > NEGLIGIBLE):
-        t, distance = int(the_world.pose_of[m]), the_world.ranges[m]
-        factors.push_back(range_factor(t, k, distance, sigma / np.sqrt(weights[m, k])))
-    return factors
+def _mean(count: float, total: float, prior: tuple[float, float]) -> float:
+    """Posterior mean of a share under a Beta prior."""
+    return float((prior[0] + count) / (sum(prior) + total))

@@ -1,4 +1,4 @@
-"""EM over the batch: poses, landmarks and the share of wrong labels together.
+"""EM over the batch: poses, landmarks and the shares of wrong labels and of clutter together.
 
 The posterior of the associations alternates with a weighted least-squares estimate.
 """
@@ -6,16 +6,23 @@ The posterior of the associations alternates with a weighted least-squares estim
 from dataclasses import dataclass
 from functools import cached_property
 
-import gtsam
 import numpy as np
 
-from sngr_utils.robust import losses
-from sngr_utils.robust.association import responsibilities, share_wrong, weighted_factors
-from sngr_utils.robust.louis_covariance import position_covariances
-from sngr_utils.slam import landmark_starts, solution
+from sngr_utils.robust import louis_covariance
+from sngr_utils.robust.association import (
+    JEFFREYS,
+    NEGLIGIBLE,
+    RARE,
+    Shares,
+    estimate_shares,
+    responsibilities,
+)
+from sngr_utils.slam import chain_problem, chain_solver, information, landmark_starts
+from sngr_utils.slam.chain_problem import Chain
 from sngr_utils.slam.conventions import Conventions
-from sngr_utils.slam.factors import sure_factors
-from sngr_utils.world import dead_reckoning, simulation
+from sngr_utils.slam.range_loss import LEAST_SQUARES
+from sngr_utils.world import dead_reckoning
+from sngr_utils.world.log import Log
 
 WIDEST = 6.0  # range sigmas that the annealed one starts with: a landmark start errs that much
 COOLING = 0.7  # per iteration
@@ -31,17 +38,18 @@ class SoftEstimate:
     ----------
     poses : (T, 3), [m, m, rad]
     landmarks : (K, 2), [m]; NaN where none was started
+    calibration : (2,) range scale, and offset [m]
     weights : (M, K+1) posterior of each range's source, the last column "none of these"
-    p : share of wrong labels, estimated
-    the_world, sure : what it was found from
+    shares : of wrong labels and of clutter, estimated
+    chain : what it was found from, every range once
     """
 
     poses: np.ndarray
     landmarks: np.ndarray
+    calibration: np.ndarray
     weights: np.ndarray
-    p: float
-    the_world: simulation.World
-    sure: gtsam.NonlinearFactorGraph
+    shares: Shares
+    chain: Chain
 
     @property
     def responsibilities(self) -> np.ndarray:
@@ -51,20 +59,20 @@ class SoftEstimate:
     @cached_property
     def position_covariances(self) -> np.ndarray:
         """(T, 2, 2) in the world frame, [m^2], with what the associations leave open"""
-        return position_covariances(
-            self.sure, self.the_world, self.poses, self.landmarks, self.weights
-        )
+        at = chain_solver.state_of(self.chain, self.poses, self.landmarks)
+        at = at._replace(calibration=self.calibration)
+        return louis_covariance.position_covariances(self.chain, at, self.weights)
 
 
 def estimate(
-    the_world: simulation.World, conventions: Conventions, start: str, exclusive: bool
+    log: Log, conventions: Conventions, start: str, *, exclusive: bool, clutter: bool
 ) -> SoftEstimate:
     """EM over the batch from dead reckoning, landmarks started as `start` says.
 
     Parameters
     ----------
     start : one of `landmark_starts.STARTS`
-    exclusive : whether the ranges of one pose come from different landmarks
+    exclusive, clutter : as for `fit`
 
     Raises
     ------
@@ -72,52 +80,55 @@ def estimate(
     """
     if start not in landmark_starts.STARTS:
         raise ValueError(f"start is {start!r}: it must be one of {sorted(landmark_starts.STARTS)}")
-    poses = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
-    landmarks = landmark_starts.start_landmarks(the_world, poses, start)
-    return fit(the_world, conventions, (poses, landmarks), exclusive)
+    poses = dead_reckoning.dead_reckoning(log.x0_mean, log.odometry)
+    landmarks = landmark_starts.start_landmarks(log, poses, start)
+    return fit(log, conventions, (poses, landmarks), exclusive=exclusive, clutter=clutter)
 
 
 def fit(
-    the_world: simulation.World,
+    log: Log,
     conventions: Conventions,
-    start: losses.Estimate,
+    start: tuple[np.ndarray, np.ndarray],
+    *,
     exclusive: bool,
+    clutter: bool,
     widest: float = WIDEST,
-    sure: gtsam.NonlinearFactorGraph | None = None,
 ) -> SoftEstimate:
-    """EM from the poses and landmarks of `start`, the range sigma annealed from `widest` times.
+    """EM from poses and landmarks to start from, the range sigma annealed from `widest` times.
 
-    Each iteration: responsibilities at the present estimate, p from them (Jeffreys' prior), then
+    Each iteration: responsibilities at the present estimate, the shares from them, then
     Levenberg-Marquardt on ranges weighted by them. A wide sigma at first lets a range look
     beyond the landmark that a bad start makes likely.
 
     Parameters
     ----------
-    sure : the factors that are not doubted; None for those of `factors.sure_factors`
+    start : (T, 3) poses [m, m, rad] and (K, 2) landmarks [m], NaN for one that is not in the map
+    exclusive : no two ranges of a scan come from the same landmark
+    clutter : a range may come from no landmark, and the share of those is estimated; else there
+        are none
 
     Source: Dempster, Laird, Rubin, JRSS B 39, 1977; soft association in SLAM: Bowman et al.,
     ICRA 2017; annealing: Ueda, Nakano, Neural Networks 11, 1998.
     """
-    poses, landmarks = start[0].copy(), start[1].copy()
-    sure = sure or sure_factors(the_world, conventions, landmarks)
-    p, width = 0.5, widest
+    chain = chain_problem.of_log(log, start[1], conventions.landmark_prior_sigma)
+    at, width = chain_solver.state_of(chain, *start), widest
+    shares = Shares(JEFFREYS[0] / sum(JEFFREYS), RARE[0] / sum(RARE) if clutter else 0.0)
     for _ in range(ITERATIONS):
-        weights = responsibilities(the_world, poses, landmarks, p, width, exclusive)
-        p = share_wrong(weights, the_world.label_of)
-        factors = weighted_factors(sure, the_world, weights, width)
-        moved_poses, moved_landmarks = _optimise(factors, poses, landmarks)
-        moved = np.abs(moved_poses[:, :2] - poses[:, :2]).max()
-        poses, landmarks = moved_poses, moved_landmarks
+        places = at.frames[:, :2].copy()
+        weights = responsibilities(
+            log, places, at.landmarks, shares, width, exclusive, at.calibration
+        )
+        shares = estimate_shares(log, weights, at.landmarks, shares)
+        problem = chain_problem.weighted(chain, weights[:, :-1], width, NEGLIGIBLE)
+        at = _minimise(problem, at)
+        moved = np.abs(at.frames[:, :2] - places).max()
         if width == 1.0 and moved < SETTLED:
             break
         width = max(1.0, COOLING * width)
-    return SoftEstimate(poses, landmarks, weights, p, the_world, sure)
+    poses = information.poses_of(at.frames)
+    return SoftEstimate(poses, at.landmarks, at.calibration, weights, shares, chain)
 
 
-def _optimise(
-    factors: gtsam.NonlinearFactorGraph, poses: np.ndarray, landmarks: np.ndarray
-) -> losses.Estimate:
-    params = gtsam.LevenbergMarquardtParams.CeresDefaults()
-    values = solution.values_of(poses, landmarks)
-    result = gtsam.LevenbergMarquardtOptimizer(factors, values, params).optimize()
-    return solution.poses_of(result, len(poses)), solution.landmarks_of(result, len(landmarks))
+def _minimise(problem: Chain, at: chain_solver.State) -> chain_solver.State:
+    at = at._replace(residuals=np.empty(len(problem.ranges)))
+    return chain_solver.minimise(problem, LEAST_SQUARES, chain_solver.CERES, at)[0]

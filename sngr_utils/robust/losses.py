@@ -75,7 +75,7 @@ def estimate(
     if method == "oracle":
         the_world = replace(the_world, label_of=the_world.source_of)
     poses = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
-    landmarks = start_landmarks(the_world, poses, start)
+    landmarks = start_landmarks(the_world.log(conventions.x0_sigmas), poses, start)
     solution = solve(the_world, conventions, method, (poses, landmarks))
     return solution.poses, solution.landmarks
 

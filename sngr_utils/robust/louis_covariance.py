@@ -4,91 +4,101 @@ Information is sparse: a range touches its own pose and the landmarks it may hav
 that the poses are a chain bordered by the landmarks, and its inverse takes linear time.
 """
 
-import gtsam
 import numpy as np
 from scipy import sparse
 from scipy.sparse import linalg
 
 from sngr_utils.numerics.linalg import invert
-from sngr_utils.robust.association import NEGLIGIBLE, weighted_factors
-from sngr_utils.slam import information, solution
+from sngr_utils.robust.association import NEGLIGIBLE
+from sngr_utils.slam import chain_cost, chain_problem, information
+from sngr_utils.slam.chain_cost import State
+from sngr_utils.slam.chain_problem import Chain
 from sngr_utils.slam.factors import range_derivatives
-from sngr_utils.world import simulation
+from sngr_utils.slam.range_loss import LEAST_SQUARES
 
 MOST_MISSING = 0.9  # of the information in any direction, see `position_covariances`
 IMPOSSIBLE = 1e-18  # responsibilities below it are no part of a score's covariance
 
 
-def position_covariances(
-    sure: gtsam.NonlinearFactorGraph,
-    the_world: simulation.World,
-    poses: np.ndarray,
-    landmarks: np.ndarray,
-    weights: np.ndarray,
-) -> np.ndarray:
+def position_covariances(chain: Chain, at: State, weights: np.ndarray) -> np.ndarray:
     """(T, 2, 2) position covariances in the world frame, [m^2], associations integrated out.
 
-    The information is that of the weighted graph, C, less what the unknown associations
+    The information is that of the weighted ranges, C, less what the unknown associations
     withhold: M, the covariance of its score over them, range by range. Where they withhold more
     than 90 % in a direction (d with M d = share C d), the posterior is no Gaussian about this
     estimate, and 10 % are kept.
 
+    Parameters
+    ----------
+    chain : every range once
+    at : the estimate
+    weights : (N, K+1) posterior of every range's source
+
     Source: Louis, JRSS B 44, 1982.
     """
-    factors = weighted_factors(sure, the_world, weights, 1.0)
-    complete = _information(factors, solution.values_of(poses, landmarks), len(poses))
-    scores = _scores(the_world, poses, landmarks, weights)
-    if n_above := _n_above(complete, scores, len(poses)):
-        covariances = _capped(complete, scores, n_above, len(poses))
+    n_poses = len(at.frames)
+    complete, scores = _information(chain, at, weights), _scores(chain, at, weights)
+    if n_above := _n_above(complete, scores, n_poses):
+        covariances = _capped(complete, scores, n_above, n_poses)
     else:
-        covariances = _pose_covariances(complete - scores @ scores.T, len(poses))
-    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        covariances = _pose_covariances(complete - scores @ scores.T, n_poses)
+    cos, sin = at.frames[:, 2], at.frames[:, 3]
     rotations = np.moveaxis(np.array([[cos, -sin], [sin, cos]]), 2, 0)
     return rotations @ covariances[:, :2, :2] @ rotations.transpose(0, 2, 1)
 
 
-def _information(
-    factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, n_poses: int
-) -> sparse.csr_array:
-    """(D, D) Gauss-Newton information, poses first, then the landmarks that are present."""
-    rows, columns, entries = factors.linearize(values).sparseJacobian_()
-    jacobian = sparse.csr_array((entries, (rows.astype(int) - 1, columns.astype(int) - 1)))
-    jacobian = jacobian[:, : values.dim()]  # the last column is the residual
-    n_landmarks = values.dim() - 3 * n_poses  # GTSAM's keys sort landmarks first
-    jacobian = sparse.hstack([jacobian[:, n_landmarks:], jacobian[:, :n_landmarks]])
-    return (jacobian.T @ jacobian).tocsr()
+def _information(chain: Chain, at: State, weights: np.ndarray) -> sparse.csr_array:
+    """(D, D) Gauss-Newton information of the weighted ranges, poses first, then the border."""
+    problem = chain_problem.weighted(chain, weights[:, :-1], 1.0, NEGLIGIBLE)
+    at = at._replace(residuals=np.empty(len(problem.ranges)))
+    chain_cost.cost(problem, LEAST_SQUARES, at)
+    own, rest, front, *_ = chain_cost.linearise(problem, LEAST_SQUARES, at)
+    n, (_, rows, columns) = 3 * len(own), np.indices(own.shape) + 3 * np.indices(own.shape)[0]
+    place = rows.ravel(), columns.ravel()
+    chained = sparse.coo_array((own.ravel(), place), shape=(n, n))
+    following = sparse.coo_array(
+        (rest[:-1, :, :3].ravel(), (rows[:-1].ravel(), columns[1:].ravel())), shape=(n, n)
+    )
+    border = sparse.csr_array(rest[:, :, 3:].reshape(n, -1))
+    return sparse.block_array(
+        [[chained + following + following.T, border], [border.T, front[3:, 3:]]], format="csr"
+    )
 
 
-def _scores(
-    the_world: simulation.World, poses: np.ndarray, landmarks: np.ndarray, weights: np.ndarray
-) -> sparse.csc_array:
+def _scores(chain: Chain, at: State, weights: np.ndarray) -> sparse.csc_array:
     """(D, S) sparse V with M = V V^T, the covariance of the score over the associations.
 
     One column for each source that an open range may have: its score less the mean over all,
     times the root of its probability. A range from none of the landmarks has no score.
     """
-    present = np.flatnonzero(np.isfinite(landmarks[:, 0]))
+    poses, (scale, offset) = information.poses_of(at.frames), at.calibration
+    size = 3 * len(poses) + at.landmarks.size + np.sum(chain.columns >= 0)
     pieces, n_columns = [], 0
-    for m in np.flatnonzero(weights[:, :-1].max(axis=1) < 1 - NEGLIGIBLE):
-        t, likely = int(the_world.pose_of[m]), np.flatnonzero(weights[m, present] > IMPOSSIBLE)
-        mine, n = weights[m, present[likely]], len(likely)
-        distance, by_pose, by_landmark = range_derivatives(poses[t], landmarks[present[likely]])
-        slope = (the_world.ranges[m] - distance) / the_world.scenario.range_sigma**2
+    for m in np.flatnonzero(weights[:, :-1].max(axis=1, initial=0.0) < 1 - NEGLIGIBLE):
+        t, likely = int(chain.pose_of[m]), np.flatnonzero(weights[m, :-1] > IMPOSSIBLE)
+        mine, n = weights[m, likely], len(likely)
+        distance, by_pose, by_landmark = range_derivatives(poses[t], at.landmarks[likely])
+        slope = (chain.ranges[m] - scale * distance - offset) / chain.sigmas[m] ** 2
         score = np.zeros((n + 1, 1 + n, 2))  # by the position, and by each of the landmarks
-        score[:n, 0] = slope[:, None] * by_pose
-        score[np.arange(n), 1 + np.arange(n)] = slope[:, None] * by_landmark
-        score = score.reshape(n + 1, -1)
+        score[:n, 0] = scale * slope[:, None] * by_pose
+        score[np.arange(n), 1 + np.arange(n)] = scale * slope[:, None] * by_landmark
+        calibration = np.zeros((n + 1, 2))
+        calibration[:n] = np.column_stack([slope * distance, slope])
+        estimated = chain.columns >= 0
+        score = np.hstack([score.reshape(n + 1, -1), calibration[:, estimated]])
         chances = np.append(mine, max(1 - mine.sum(), 0.0))
         centred = np.sqrt(chances)[:, None] * (score - chances @ score)
         first = 3 * len(poses) + 2 * likely
-        touched = np.concatenate([[3 * t, 3 * t + 1], np.column_stack([first, first + 1]).ravel()])
+        touched = np.concatenate([
+            [3 * t, 3 * t + 1], np.column_stack([first, first + 1]).ravel(),
+            3 * len(poses) + chain.columns[estimated],
+        ])  # fmt: skip
         columns = np.repeat(np.arange(n_columns, n_columns + n + 1), len(touched))
         pieces.append((centred.ravel(), np.tile(touched, n + 1), columns))
         n_columns += n + 1
     entries, rows, columns = (
         map(np.concatenate, zip(*pieces, strict=True)) if pieces else ([], [], [])
     )
-    size = 3 * len(poses) + 2 * len(present)
     return sparse.csc_array((entries, (rows, columns)), shape=(size, n_columns))
 
 

@@ -76,7 +76,7 @@ def choose_null(the_world: simulation.World, poses: np.ndarray, landmarks: np.nd
     """
     sigma, null = the_world.scenario.range_sigma, np.sqrt(2) * np.std(the_world.ranges)
     rows = np.arange(len(the_world.ranges))
-    mine = association.residuals(the_world, poses, landmarks)[rows, the_world.label_of]
+    mine = association.residuals(the_world, poses, landmarks, (1.0, 0.0))[rows, the_world.label_of]
     right = np.log((1 - WRONG_SHARE) / sigma) - 0.5 * (mine / sigma) ** 2
     wrong = np.log(WRONG_SHARE / null) - 0.5 * (mine / null) ** 2
     label = np.where(np.isfinite(mine), the_world.label_of, -1)
@@ -92,7 +92,7 @@ def choose_landmark(
         (len(the_world.ranges), the_world.n_landmarks), WRONG_SHARE / (the_world.n_landmarks - 1)
     )
     weights[np.arange(len(weights)), the_world.label_of] = 1 - WRONG_SHARE
-    residuals = association.residuals(the_world, poses, landmarks)
+    residuals = association.residuals(the_world, poses, landmarks, (1.0, 0.0))
     scores = np.log(weights) - 0.5 * (residuals / sigma) ** 2
     best = np.argmax(np.where(np.isfinite(scores), scores, -np.inf), axis=1)
     label = np.where(np.isfinite(scores).any(axis=1), best, -1)

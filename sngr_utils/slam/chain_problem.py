@@ -14,6 +14,7 @@ import numpy as np
 from sngr_utils.numerics.jit import compile_once
 from sngr_utils.numerics.linalg import invert
 from sngr_utils.slam import information
+from sngr_utils.world.log import Log
 
 ANY, NOT_NEGATIVE, POSITIVE = -math.inf, 0.0, math.ulp(0.0)
 BOUNDS = {
@@ -111,6 +112,41 @@ def make(
         calibration_information=np.where(estimated, calibration_sigmas, np.inf) ** -2,
         columns=np.where(estimated, 2 * landmarks + np.cumsum(estimated) - 1, -1),
     )
+
+
+def of_log(log: Log, landmarks: np.ndarray, landmark_prior_sigma: float) -> Chain:
+    """The chain of a log, its ranges by label; weak priors on the landmarks that were started.
+
+    Parameters
+    ----------
+    landmarks : (K, 2) where the weak priors are centred, [m], but for surveyed landmarks, which
+        have their own; NaN for a landmark that is absent
+    landmark_prior_sigma : of the weak priors, [m]
+    """
+    surveyed = np.isfinite(log.landmark_sigmas)
+    return make(
+        x0_mean=log.x0_mean, x0_sigmas=log.x0_sigmas, odometry=log.odometry,
+        odometry_covariances=log.odometry_covariances, pose_of=log.pose_of,
+        landmark_of=log.label_of, ranges=log.ranges, range_sigmas=log.range_sigmas,
+        landmark_means=np.where(surveyed[:, None], log.landmark_means, landmarks),
+        landmark_sigmas=np.where(surveyed, log.landmark_sigmas, landmark_prior_sigma),
+        scale=log.scale, offset=log.offset,
+    )  # fmt: skip
+
+
+def weighted(chain: Chain, weights: np.ndarray, width: float, least: float) -> Chain:
+    """The chain with every range to each landmark of which it has more than `least`.
+
+    Parameters
+    ----------
+    weights : (N, K), by which it counts there
+    width : of the range noise, in range sigmas
+    """
+    m, k = np.nonzero(weights > least)
+    return chain._replace(
+        pose_of=chain.pose_of[m], landmark_of=k, ranges=chain.ranges[m],
+        sigmas=width * chain.sigmas[m], weights=weights[m, k],
+    )  # fmt: skip
 
 
 def _shaped(name: str, value: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

@@ -133,6 +133,12 @@ class Estimate:
         return conclude(system, self._joint, self.landmarks)
 
     @property
+    def log_determinant(self) -> float:
+        """Of the information of all that is estimated, [nats] in units of m and rad."""
+        poses = np.linalg.slogdet(self._system.own)[1].sum()
+        return float(-poses - np.linalg.slogdet(self._joint)[1])
+
+    @property
     def position_covariances(self) -> np.ndarray:
         """(T, 2, 2) in the world frame, [m^2]"""
         cos, sin = np.cos(self.poses[:, 2]), np.sin(self.poses[:, 2])
@@ -166,8 +172,7 @@ def concluded(chain: Chain, loss: Loss, at: State, least: float, steps: int, con
     """The `Estimate` that `minimise` has found, with the information at it."""
     system = linearise(chain, loss, at)
     joint = eliminate_poses(system, len(at.landmarks))
-    poses = np.column_stack([at.frames[:, :2], np.arctan2(at.frames[:, 3], at.frames[:, 2])])
-    found = poses, at.landmarks, at.calibration, at.residuals
+    found = information.poses_of(at.frames), at.landmarks, at.calibration, at.residuals
     return Estimate(*found, least, steps, converged, system, joint)
 
 

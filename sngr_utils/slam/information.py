@@ -60,6 +60,11 @@ def frames_of(poses):
     return frames
 
 
+def poses_of(frames: np.ndarray) -> np.ndarray:
+    """(T, 3) poses of frames as `frames_of` makes them."""
+    return np.column_stack([frames[:, :2], np.arctan2(frames[:, 3], frames[:, 2])])
+
+
 @compile_once
 def _relative(a, b):
     """Frame b seen from frame a, both (x, y, cos, sin)."""

@@ -7,7 +7,8 @@ from scipy.optimize import least_squares
 
 from sngr_utils.numerics.jit import compile_once
 from sngr_utils.slam.range_density import OUTLIER_SHARE, density, peak
-from sngr_utils.world import dead_reckoning, simulation
+from sngr_utils.world import dead_reckoning
+from sngr_utils.world.log import Log
 
 START_AFTER = 3  # distinct poses that must have seen a landmark before it enters the graph
 
@@ -46,19 +47,21 @@ NEGLIGIBLE_EXPONENT = 40.0  # e^-40 is nothing beside an outlier, in floating po
 LARGE = 1e200  # product of likelihoods that is turned into a sum of logarithms
 
 
-def start_landmarks(the_world: simulation.World, poses: np.ndarray, start: str) -> np.ndarray:
+def start_landmarks(log: Log, poses: np.ndarray, start: str) -> np.ndarray:
     """(K, 2) start of each landmark, [m]; NaN if fewer than three distinct poses saw it.
+
+    A surveyed landmark starts where it was surveyed.
 
     Parameters
     ----------
     poses : (T, 3) dead-reckoned poses, [m, m, rad]
     start : one of `STARTS`
     """
-    landmarks = np.full((the_world.n_landmarks, 2), np.nan)
-    variances = dead_reckoning.dead_reckoning_variances(poses, the_world.scenario)
-    for k in range(the_world.n_landmarks):
-        mine = the_world.label_of == k
-        seen_from, ranges = the_world.pose_of[mine], the_world.ranges[mine]
+    landmarks = log.landmark_means.copy()
+    variances = dead_reckoning.dead_reckoning_variances(poses, log.odometry_covariances)
+    for k in np.flatnonzero(np.isnan(landmarks[:, 0])):
+        mine = log.label_of == k
+        seen_from, ranges = log.pose_of[mine], log.ranges[mine]
         distinct, first = np.unique(seen_from, return_index=True)
         if len(distinct) < START_AFTER:
             continue
@@ -66,8 +69,8 @@ def start_landmarks(the_world: simulation.World, poses: np.ndarray, start: str) 
             few = first[:START_AFTER]
             landmarks[k] = start_landmark(poses[seen_from[few], :2], ranges[few])
         else:
-            variance = variances[seen_from] + the_world.scenario.range_sigma**2
-            longest = the_world.ranges.max()
+            variance = variances[seen_from] + log.range_sigmas[mine] ** 2
+            longest = log.ranges.max()
             landmarks[k] = best_cell(poses[seen_from, :2], ranges, variance, longest)
     return landmarks
 

@@ -2,8 +2,6 @@
 
 import numpy as np
 
-from sngr_utils.world.scenario import Scenario
-
 
 def wrap_angle(angle: np.ndarray) -> np.ndarray:
     """Angle in [-pi, pi), [rad]."""
@@ -31,7 +29,7 @@ def dead_reckoning(start: np.ndarray, odometry: np.ndarray) -> np.ndarray:
     return poses
 
 
-def dead_reckoning_variances(poses: np.ndarray, scenario: Scenario) -> np.ndarray:
+def dead_reckoning_variances(poses: np.ndarray, covariances: np.ndarray) -> np.ndarray:
     """(T,) variance of each dead-reckoned position about the first pose, [m^2], mean of x and y.
 
     To first order: every step adds its own variance, and its heading error turns all that
@@ -41,14 +39,17 @@ def dead_reckoning_variances(poses: np.ndarray, scenario: Scenario) -> np.ndarra
     Parameters
     ----------
     poses : (T, 3), [m, m, rad]
+    covariances : (T-1, 3, 3) of each step, or (3, 3) of every one, in units of m and rad
     """
-    steps = np.arange(len(poses))
+    covariances = np.broadcast_to(covariances, (len(poses) - 1, 3, 3))
+    along = np.append(0.0, np.trace(covariances[:, :2, :2], axis1=1, axis2=2) / 2)
+    turns = np.append(0.0, covariances[:, 2, 2])
     places = poses[:, :2] - poses[0, :2]  # about the first, so that little cancels below
     squares = np.sum(places**2, axis=1)
-    along = np.sum(places * np.cumsum(places, axis=0), axis=1)
-    # the sum of |x_t - x_s|^2 over the ends s = 1 ... t of the steps, multiplied out
-    turned = np.maximum(steps * squares - 2 * along + np.cumsum(squares), 0.0)
-    return steps * scenario.odometry_sigma_xy**2 + 0.5 * scenario.odometry_sigma_theta**2 * turned
+    crossed = np.sum(places * np.cumsum(turns[:, None] * places, axis=0), axis=1)
+    # the sum of turns_s |x_t - x_s|^2 over the ends s = 1 ... t of the steps, multiplied out
+    turned = np.cumsum(turns) * squares - 2 * crossed + np.cumsum(turns * squares)
+    return np.cumsum(along) + 0.5 * np.maximum(turned, 0.0)
 
 
 def rigid_covariances(poses: np.ndarray, x0_sigmas: list[float]) -> np.ndarray:

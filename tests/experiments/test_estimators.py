@@ -69,9 +69,9 @@ def test_dead_reckoning_is_what_odometry_says():
     rigid = dead_reckoning.rigid_covariances(blind, C.x0_sigmas)
     assert np.allclose(found.position_covariances[0], rigid[0])
     steps = np.trace(found.position_covariances - rigid, axis1=1, axis2=2) / 2
-    assert np.allclose(
-        steps, dead_reckoning.dead_reckoning_variances(blind, drawn.scenario), rtol=1e-6
-    )
+    covariance = np.diag(drawn.scenario.odometry_sigmas**2)
+    expected = dead_reckoning.dead_reckoning_variances(blind, covariance)
+    assert np.allclose(steps, expected, rtol=1e-6)
 
 
 def test_methods_are_those_of_their_modules():

@@ -11,6 +11,7 @@ from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.online import belief, data_association, estimator, localisation, slips, smoother
 from sngr_utils.online.landmarks import _locate, drop_landmarks
 from sngr_utils.robust import losses, mutual_exclusion
+from sngr_utils.robust.association import Shares
 from sngr_utils.sampling.targets import place
 from sngr_utils.slam import conventions, selected_inverse
 from sngr_utils.world import scenario, simulation, variations
@@ -232,12 +233,14 @@ def test_a_lonely_range_goes_to_the_landmark_that_explains_it():
     other = (data.label_of[m] + 1) % 6
     label_of = data.label_of.copy()
     label_of[m] = other
-    relabelled = replace(data, label_of=label_of)
+    relabelled, shares = replace(state.log, label_of=label_of), Shares(0.1, 0.0)
     for exclusive in (False, True):
-        credit = data_association.decide(relabelled, found, state.credit.used, 0.1, exclusive, True)
+        credit = data_association.decide(
+            relabelled, found, state.credit.used, shares, exclusive, True
+        )
         assert credit.used[m] == data.label_of[m]
         assert credit.weights[m].sum() == pytest.approx(1)
-    kept = data_association.decide(relabelled, found, state.credit.used, 0.1, True, False)
+    kept = data_association.decide(relabelled, found, state.credit.used, shares, True, False)
     assert kept.used[m] == data_association.DROPPED
 
 
@@ -245,7 +248,9 @@ def test_a_vague_prediction_credits_nothing():
     state = believed()
     found = state.innovations(state.covariance())
     vague = replace(found, variances=found.variances + 1.0)
-    credit = data_association.decide(state.data, vague, state.credit.used, 0.1, True, True)
+    credit = data_association.decide(
+        state.log, vague, state.credit.used, Shares(0.1, 0.0), True, True
+    )
     assert (credit.used == data_association.DROPPED).all()
 
 
@@ -275,7 +280,7 @@ def test_chain_takes_a_sigma_for_every_step():
     state = believed()
     state.distrust([4])
     blocks = state.covariance()
-    factors = state.smoother.factors(*belief.SURE, "range")
+    factors = state.smoother.factors("x0", "odometry", "landmark", "range")
     marginals = gtsam.Marginals(factors, state.smoother.values)
     for t in (0, 5, 12):
         expected = marginals.marginalCovariance(gtsam.symbol("x", t))

@@ -5,12 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers import SIGMA, scans
+from helpers import SIGMA, SIGMAS, scans
 
 from sngr_utils.online import landmarks as landmarks_module
 from sngr_utils.online import localisation
 from sngr_utils.online.data_association import DROPPED, Credit
 from sngr_utils.online.landmarks import _locate, drop_landmarks, start_landmarks, witnesses
+from sngr_utils.robust.association import Shares
 from sngr_utils.sampling.targets import place
 from sngr_utils.slam import landmark_starts
 
@@ -24,6 +25,14 @@ class Believed(SimpleNamespace):
     def credit_fitting(self, mine, landmarks, mode, evidence):
         self.fitted = (mine, landmarks, mode, evidence)
         return "credits"
+
+    @property
+    def log(self):
+        return self.data.log(SIGMAS)
+
+    @property
+    def shares(self):
+        return Shares(self.p, 0.0)
 
     def insert(self, k, position, used):
         self.inserted = (k, position, used)

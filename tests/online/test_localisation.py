@@ -10,12 +10,14 @@ from sngr_utils.sampling.targets import compiled, place
 from sngr_utils.sampling.weighted_samples import WeightedSamples
 from sngr_utils.world import dead_reckoning, scenario, simulation
 
+STEP = np.diag(scenario.Scenario().odometry_sigmas ** 2)
+
 
 def evidence_of(seed, n_poses, wrong=0.2):
     """The ranges that n dead-reckoned poses have of each landmark of a world."""
     drawn = simulation.simulate(scenario.Scenario(), 0.2, rng=np.random.default_rng(seed))
     blind = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
-    variances = dead_reckoning.dead_reckoning_variances(blind, drawn.scenario) + 0.1**2
+    variances = dead_reckoning.dead_reckoning_variances(blind, STEP) + 0.1**2
     for k in range(drawn.n_landmarks):
         mine = (drawn.label_of == k) & (drawn.pose_of < n_poses)
         seen_from, ranges = drawn.pose_of[mine], drawn.ranges[mine]

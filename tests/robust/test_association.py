@@ -7,14 +7,22 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import X
+from gtsam.symbol_shorthand import L, X
 from scipy import linalg, special, stats
 
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.robust import association, em, losses, louis_covariance, mutual_exclusion
-from sngr_utils.slam import conventions, landmark_starts, solution
-from sngr_utils.slam.factors import landmark_prior, pose_prior, range_factor, sure_factors
-from sngr_utils.world import scenario, simulation
+from sngr_utils.robust.association import Shares
+from sngr_utils.slam import (
+    chain_problem,
+    chain_solver,
+    conventions,
+    information,
+    levenberg_marquardt,
+    solution,
+)
+from sngr_utils.slam.factors import range_factor, sure_factors
+from sngr_utils.world import log, scenario, simulation
 
 C = conventions.PRESETS["C"]
 
@@ -91,7 +99,8 @@ def scan_of_ranges(k, seed, none, sigma=0.1, n=None):
     ranges = rng.permutation(np.resize(distances, n or k)) + rng.normal(0, sigma, n or k)
     labels = rng.integers(k, size=len(ranges))
     residuals = ranges[:, None] - distances
-    logs = association.log_prior(labels, k, 0.5) - 0.5 * (residuals / sigma) ** 2
+    logs = np.log(0.5 * np.eye(k)[labels] + 0.5 * (1 - np.eye(k)[labels]) / (k - 1))
+    logs -= 0.5 * (residuals / sigma) ** 2
     return np.column_stack([logs, np.full(len(ranges), none)])
 
 
@@ -179,20 +188,43 @@ def test_where_all_are_open_every_range_is_on_its_own():
 def test_unknown_start_is_refused():
     clean = simulation.simulate(scenario.Scenario(), 0.0, rng=np.random.default_rng(0))
     with pytest.raises(ValueError, match="start is 'truth'"):
-        em.estimate(clean, C, "truth", False)
+        em.estimate(clean.log(C.x0_sigmas), C, "truth", exclusive=False, clutter=False)
+
+
+def scans(pose_of, label_of, ranges, poses, landmarks, **changed):
+    """A log of ranges that some poses have of some landmarks."""
+    return log.Log(**{
+        "odometry": np.zeros((len(poses) - 1, 3)), "odometry_covariances": np.eye(3),
+        "pose_of": pose_of, "label_of": label_of, "ranges": ranges, "range_sigmas": 0.1,
+        "n_landmarks": len(landmarks), "x0_mean": poses[0], "x0_sigmas": np.ones(3), **changed,
+    })  # fmt: skip
 
 
 def test_prior_of_a_label_and_of_all_others_alike():
-    prior = np.exp(association.log_prior(np.array([2, 0]), 4, 0.3))
-    assert np.allclose(prior, [[0.1, 0.1, 0.7, 0.1], [0.7, 0.1, 0.1, 0.1]])
+    drawn = scans([0, 1, 1], [2, 0, -1], np.ones(3), np.zeros((2, 3)), np.zeros((4, 2)))
+    for clutter in (0.0, 0.2):
+        prior = np.exp(association.log_prior(drawn, Shares(0.3, clutter)))
+        landmarks = np.array([[0.1, 0.1, 0.7, 0.1], [0.7, 0.1, 0.1, 0.1], 4 * [0.25]])
+        assert np.allclose(prior[:, :4], (1 - clutter) * landmarks)
+        assert np.allclose(prior[:, 4], clutter)
 
 
-def scans(pose_of, label_of, ranges, poses, landmarks, sigma=0.1):
-    """A world from what EM reads of it."""
-    return simulation.World(
-        poses, landmarks, np.zeros((len(poses) - 1, 3)), np.array(pose_of), np.array(label_of),
-        np.array(label_of), np.array(ranges), scenario.Scenario(range_sigma=sigma), poses[0],
-    )  # fmt: skip
+def test_label_probabilities_are_a_label_that_may_mean_several():
+    """All for one landmark are its label; what they leave over is for none; alike, no label."""
+    rows = [[0, 1, 0], [0.5, 0.3, 0], [1 / 3] * 3]
+    given = [0, 0, 0], [-1, -1, -1], np.ones(3), np.zeros((1, 3)), np.zeros((3, 2))
+    soft = scans(*given, label_probabilities=np.array(rows))
+    prior = np.exp(association.log_prior(soft, Shares(0.4, 0.0)))
+    hard = scans(*given[:1], [1, -1, -1], *given[2:])
+    assert np.allclose(prior[[0, 2]], np.exp(association.log_prior(hard, Shares(0.4, 0.0)))[:2])
+    assert np.allclose(prior[1], [0.6 * 0.5 + 0.2 * 0.3, 0.6 * 0.3 + 0.2 * 0.5, 0.2 * 0.8, 0.2])
+
+
+@pytest.mark.parametrize("n_landmarks", [0, 1])
+def test_one_landmark_or_none_leave_no_label_to_be_wrong(n_landmarks):
+    drawn = scans([0], [n_landmarks - 1], [3.0], np.zeros((1, 3)), np.zeros((n_landmarks, 2)))
+    prior = np.exp(association.log_prior(drawn, Shares(0.4, 0.2)))
+    assert np.allclose(prior, [[0.8, 0.2][2 - n_landmarks - 1 :]] if n_landmarks else [[1.0]])
 
 
 PLACES = np.array([[0.0, 0.0, 0.3], [1.0, -1.0, 2.0]]), np.array([[3.0, 4.0], [5.0, 1.0]])
@@ -202,7 +234,7 @@ PLACES = np.array([[0.0, 0.0, 0.3], [1.0, -1.0, 2.0]]), np.array([[3.0, 4.0], [5
 def test_responsibilities_are_bayes(width):
     """Prior times a normal density of the distance, whose sigma is `width` of the noise's."""
     drawn = scans([0, 0, 1], [0, 1, 1], [5.2, 5.05, 4.6], *PLACES)
-    got = association.responsibilities(drawn, *PLACES, 0.3, width, False)
+    got = association.responsibilities(drawn, *PLACES, Shares(0.3, 0), width, False)
     poses, landmarks = PLACES
     distances = np.linalg.norm(poses[[0, 0, 1], None, :2] - landmarks, axis=2)
     prior = np.array([[0.7, 0.3], [0.3, 0.7], [0.3, 0.7]])
@@ -215,7 +247,7 @@ def test_an_absent_landmark_may_be_the_source_of_any_range():
     """Its ranges are uniform up to the longest; two absent ones have their prior together."""
     poses, landmarks = PLACES[0], np.vstack([PLACES[1], np.full((2, 2), np.nan)])
     drawn = scans([0, 1], [0, 2], [5.2, 4.6], poses, landmarks)
-    got = association.responsibilities(drawn, poses, landmarks, 0.3, 1.0, False)
+    got = association.responsibilities(drawn, poses, landmarks, Shares(0.3, 0), 1.0, False)
     distances = np.linalg.norm(poses[:, None, :2] - landmarks[:2], axis=2)
     prior = np.array([[0.7, 0.1], [0.1, 0.1]])
     joint = np.zeros((2, 5))
@@ -227,83 +259,130 @@ def test_an_absent_landmark_may_be_the_source_of_any_range():
 def test_exclusion_is_by_scan():
     """Each scan as if it were alone, by all matchings; the ranges of another do not compete."""
     drawn = scans([0, 0, 1, 1], [0, 0, 0, 1], [5.0, 5.05, 5.3, 4.4], *PLACES)
-    got = association.responsibilities(drawn, *PLACES, 0.4, 2.0, True)
-    alone = association.responsibilities(drawn, *PLACES, 0.4, 2.0, False)
+    got = association.responsibilities(drawn, *PLACES, Shares(0.4, 0), 2.0, True)
+    alone = association.responsibilities(drawn, *PLACES, Shares(0.4, 0), 2.0, False)
     with np.errstate(divide="ignore"):
         expected = [enumerated(np.log(alone[rows])) for rows in (slice(2), slice(2, 4))]
     assert np.allclose(got, np.vstack(expected), atol=1e-12)
     assert not np.allclose(got, alone, atol=0.1)
 
 
-def test_share_of_wrong_labels_is_the_mean_under_jeffreys_prior():
-    weights = np.array([[0.9, 0.1, 0.0], [0.3, 0.5, 0.2], [0.0, 1.0, 0.0]])
-    labels = np.array([0, 1, 0])
-    # right: 0.9 + 0.5 + 0; Beta(1/2, 1/2) before three ranges
-    assert association.share_wrong(weights, labels) == pytest.approx((0.5 + 1.6) / (1 + 3))
+def test_share_of_wrong_labels_is_the_mean_under_a_beta_prior():
+    weights = np.array([[0.9, 0.1, 0.0], [0.3, 0.5, 0.2], [0.0, 1.0, 0.0], [0.2, 0.8, 0.0]])
+    drawn = scans([0, 0, 1, 1], [0, 1, 0, -1], np.ones(4), *PLACES)
+    # right: 0.9 + 0.5 + 0 of three labels; what is nobody's judges none
+    found = association.estimate_shares(drawn, weights, PLACES[1], Shares(0.2, 0.1))
+    assert found.wrong == pytest.approx((0.5 + 2.8 - 1.4) / (1 + 2.8))
+    assert found.clutter == pytest.approx((0.5 + 0.2) / (10 + 4))
+    found = association.estimate_shares(drawn, weights, PLACES[1], Shares(0.2, 0.1), (2, 8))
+    assert found.wrong == pytest.approx((2 + 2.8 - 1.4) / (10 + 2.8))
+    assert association.estimate_shares(drawn, weights, PLACES[1], Shares(0.2, 0.0)).clutter == 0
 
 
-def test_ranges_are_weighted_by_their_responsibilities():
-    """A factor for each that counts, its error the weight times half a squared residual."""
-    drawn = scans([0, 1], [0, 1], [5.3, 4.6], *PLACES)
-    weights = np.array([[0.6, 0.4, 0.0], [1e-3, 0.9, 0.099]])
-    sure = gtsam.NonlinearFactorGraph()
-    sure.push_back(pose_prior(PLACES[0][0], [0.1, 0.1, 0.1]))
-    factors = association.weighted_factors(sure, drawn, weights, 2.0)
-    assert sure.size() == 1
-    assert factors.size() == 4  # 1e-3 is nothing
-    distances = np.linalg.norm(PLACES[0][:, None, :2] - PLACES[1], axis=2)
-    squared = ((drawn.ranges[:, None] - distances) / 0.2) ** 2
-    expected = 0.5 * (0.6 * squared[0, 0] + 0.4 * squared[0, 1] + 0.9 * squared[1, 1])
-    assert factors.error(solution.values_of(*PLACES)) == pytest.approx(expected)
+def test_none_of_these_is_clutter_and_landmarks_that_are_not_in_the_map():
+    """Half of it each, if both were as likely before: here .1 of clutter, .9 x .111 of wrong."""
+    landmarks = np.vstack([PLACES[1], np.full((1, 2), np.nan)])
+    drawn = scans([0, 1], [0, 2], np.ones(2), PLACES[0], landmarks)
+    weights = np.array([[0.6, 0.0, 0.0, 0.4], [0.3, 0.0, 0.0, 0.7]])
+    found = association.estimate_shares(drawn, weights, landmarks, Shares(2 / 9, 0.1))
+    # the second range: .1 of clutter, .9 x 7 / 9 of its own landmark
+    clutter = 0.2 + 0.7 * 0.1 / 0.8
+    assert found.clutter == pytest.approx((0.5 + clutter) / 12)
+    assert found.wrong == pytest.approx((0.5 + 0.2 + 0.3) / (1 + 2 - clutter))
 
 
-def test_share_wrong_is_the_mean_of_a_beta_posterior():
-    labels, weights = np.arange(5), np.zeros((5, 7))
-    weights[labels, labels] = [1, 1, 1, 0.5, 0]
-    assert association.share_wrong(weights, labels, (2, 8)) == pytest.approx(3.5 / 15)
-    assert association.share_wrong(weights, labels) == pytest.approx(2 / 6)
+@pytest.mark.parametrize("clutter", [0.0, 0.15])
+def test_shares_are_those_of_data_drawn_with_them(clutter):
+    """5000 ranges, sources known: each share within 5 standard errors; fails by chance in 1e-6."""
+    rng, n = np.random.default_rng(3), 5000
+    nobody = rng.random(n) < clutter
+    source = rng.integers(5, size=n)
+    label = np.where(rng.random(n) < 0.3, (source + rng.integers(1, 5, n)) % 5, source)
+    weights = np.eye(6)[np.where(nobody, 5, source)]
+    drawn = scans(np.zeros(n), label, np.ones(n), np.zeros((1, 3)), np.zeros((5, 2)))
+    found = association.estimate_shares(drawn, weights, np.zeros((5, 2)), Shares(0.5, clutter))
+    assert found.wrong == pytest.approx(0.3, abs=5 * np.sqrt(0.21 / n / (1 - clutter)))
+    assert found.clutter == pytest.approx(clutter, abs=5 * np.sqrt(clutter / n) + 1e-12)
 
 
-def test_joint_density_integrates_to_one_with_landmarks_absent_or_not():
+@pytest.mark.parametrize("clutter", [0.0, 0.2])
+def test_joint_density_integrates_to_one_with_landmarks_absent_or_not(clutter):
     """Over all ranges up to the longest: sources are certain to be one or another."""
-    drawn = simulation.simulate(scenario.Scenario(), 0.0, rng=np.random.default_rng(0)).first(1)
-    grid = np.linspace(0, 9, 6001)
-    many = replace(drawn, ranges=grid, pose_of=np.zeros(6001, int), label_of=np.full(6001, 2))
+    grid, shares, pose = np.linspace(1e-9, 9, 6001), Shares(0.3, clutter), np.zeros((1, 3))
+    many = scans(np.zeros(6001), np.full(6001, 2), grid, pose, np.zeros((6, 2)))
     for gone in ([], [1], [2, 5]):
-        landmarks = np.column_stack([3.0 + 0.5 * np.arange(6), np.ones(6)])
+        landmarks = np.column_stack([1.0 + 0.5 * np.arange(6), np.ones(6)])
         landmarks[gone] = np.nan
-        found = association.residuals(many, many.poses, landmarks - [2.0, 0.0])
-        joint = association.log_joint(many, found, np.full(found.shape, 0.01), 0.3)
+        found = association.residuals(many, pose, landmarks)
+        joint = association.log_joint(many, found, np.full(found.shape, 0.01), shares)
         assert np.isneginf(joint[:, gone]).all()
         total = np.trapezoid(np.exp(joint), grid, axis=0)
         assert total.sum() == pytest.approx(1, abs=1e-6)
-        prior = np.exp(association.log_prior(np.array([2]), 6, 0.3))[0]
-        assert total[-1] == pytest.approx(prior[gone].sum(), abs=1e-6)
+        prior = np.exp(association.log_prior(many, shares))[0]
+        assert total[-1] == pytest.approx(prior[gone].sum() + clutter, abs=1e-6)
 
 
-def test_clutter_can_be_switched_on(monkeypatch):
-    """With all landmarks mapped, a range that fits none of them is nobody's."""
+def test_residuals_know_scale_and_offset():
+    drawn = scans([0, 1], [0, 1], [5.3, 4.6], *PLACES, scale=(2.0, 0.0), offset=(0.5, 1.0))
+    distances = np.linalg.norm(PLACES[0][:, None, :2] - PLACES[1], axis=2)
+    plain = drawn.ranges[:, None] - 2 * distances - 0.5
+    assert np.allclose(association.residuals(drawn, *PLACES), plain)
+    assert np.allclose(association.residuals(drawn, *PLACES, np.array([2.0, 0.7])), plain - 0.2)
+
+
+def test_a_range_that_fits_no_landmark_is_nobodys():
+    """With all landmarks mapped; without clutter in the model it has to be somebody's."""
     drawn = simulation.simulate(scenario.Scenario(), 0.0, rng=np.random.default_rng(0)).first(1)
     drawn = replace(drawn, ranges=np.append(drawn.ranges[:-1], 25.0))
-    given = drawn, drawn.poses, drawn.landmarks, 0.1, 1.0
-    for exclusive in (True, False):
-        assert association.responsibilities(*given, exclusive)[-1, -1] == 0.0
-    monkeypatch.setattr(association, "LOG_CLUTTER", np.log(0.01 / 10))
-    for exclusive in (True, False):
-        weights = association.responsibilities(*given, exclusive)
-        assert weights[-1, -1] == pytest.approx(1.0)
+    for exclusive, clutter in itertools.product((True, False), (0.0, 0.01)):
+        weights = association.responsibilities(
+            drawn.log(C.x0_sigmas), drawn.poses, drawn.landmarks, Shares(0.1, clutter), 1.0,
+            exclusive,
+        )  # fmt: skip
+        assert weights[-1, -1] == pytest.approx(float(clutter > 0))
         assert weights[:-1, -1] == pytest.approx(np.zeros(5), abs=0.01)
+
+
+def cluttered(seed, share):
+    """A world of which some ranges are replaced by ones from nowhere, and which those are."""
+    drawn, rng = (
+        simulation.simulate(scenario.Scenario(), 0.2, rng=np.random.default_rng(seed)),
+        (np.random.default_rng([seed, 1])),
+    )
+    nobody = rng.random(len(drawn.ranges)) < share
+    ranges = np.where(nobody, rng.uniform(0, drawn.ranges.max(), len(nobody)), drawn.ranges)
+    return replace(drawn, ranges=ranges), nobody
+
+
+@pytest.mark.parametrize("exclusive", [False, True])
+def test_em_finds_clutter_its_share_and_the_poses(exclusive):
+    """Fixed worlds, one range in ten from nowhere; seed 103 ends with a landmark elsewhere."""
+    for seed in (100, 101, 102, 104):
+        drawn, nobody = cluttered(seed, 0.1)
+        found = em.estimate(drawn.log(C.x0_sigmas), C, "grid", exclusive=exclusive, clutter=True)
+        oracle, _ = losses.estimate(drawn.keep(~nobody), C, "oracle", "grid")
+        assert rmse_and_nees.rmse(found.poses[:, :2], oracle[:, :2]) < 0.06
+        assert found.shares.clutter == pytest.approx(nobody.mean(), abs=0.05)
+        assert found.weights[~nobody, -1].mean() < 0.1 < 0.5 < found.weights[nobody, -1].mean()
+
+
+def test_em_without_clutter_in_the_data_finds_next_to_none():
+    drawn = simulation.simulate(scenario.Scenario(), 0.3, rng=np.random.default_rng(112))
+    given = drawn.log(C.x0_sigmas), C, "grid"
+    plain, free = (em.estimate(*given, exclusive=True, clutter=c) for c in (False, True))
+    assert 0 < free.shares.clutter < 0.01
+    assert np.abs(free.poses - plain.poses)[:, :2].max() < 0.01
 
 
 @pytest.mark.parametrize("exclusive", [False, True])
 def test_on_clean_data_em_is_the_oracle(exclusive):
     clean = simulation.simulate(scenario.Scenario(), 0.0, rng=np.random.default_rng(101))
-    found = em.estimate(clean, C, "grid", exclusive)
+    found = em.estimate(clean.log(C.x0_sigmas), C, "grid", exclusive=exclusive, clutter=False)
     poses, landmarks = losses.estimate(clean, C, "oracle", "grid")
     # the posterior of a right label is below one by less than 1e-2 where circles cross
     assert np.abs(found.poses - poses).max() < 2e-3
     assert np.abs(found.landmarks - landmarks).max() < 5e-3
-    assert found.p < 0.01
+    assert found.shares.wrong < 0.01
     marginals = gtsam.Marginals(*_oracle_graph(clean, poses, landmarks))
     for t in (0, 15, 29):
         rotation = gtsam.Rot2(poses[t, 2]).matrix()
@@ -324,51 +403,84 @@ def test_with_wrong_labels_em_stays_near_the_oracle_and_finds_p():
         truth = wrong.poses[:, :2]
         ratio = {}
         oracle = rmse_and_nees.rmse(losses.estimate(wrong, C, "oracle", "grid")[0][:, :2], truth)
-        found = em.estimate(wrong, C, "grid", True)
+        found = em.estimate(wrong.log(C.x0_sigmas), C, "grid", exclusive=True, clutter=False)
         ratio["em"] = rmse_and_nees.rmse(found.poses[:, :2], truth) / oracle
         plain = losses.estimate(wrong, C, "least_squares", "grid")[0]
         ratio["plain"] = rmse_and_nees.rmse(plain[:, :2], truth) / oracle
         assert ratio["em"] < 1.25 < 2 < ratio["plain"]
         drawn_wrong = (wrong.label_of != wrong.source_of).mean()
         # the share drawn is known but for the labels nobody can tell; 180 ranges
-        assert found.p == pytest.approx(drawn_wrong, abs=0.05)
+        assert found.shares.wrong == pytest.approx(drawn_wrong, abs=0.05)
 
 
 @pytest.mark.parametrize("exclusive", [False, True])
 def test_em_ends_at_a_fixed_point_and_leaves_its_start_alone(exclusive):
-    """Weights, share and estimate follow from one another, at the range noise as it is."""
+    """Weights, shares and estimate follow from one another, at the range noise as it is."""
     drawn = simulation.simulate(
         scenario.Scenario(n_poses=10, n_landmarks=4), 0.2, rng=np.random.default_rng(112)
     )
-    start = losses.estimate(drawn, C, "oracle", "grid")
+    start, given = losses.estimate(drawn, C, "oracle", "grid"), drawn.log(C.x0_sigmas)
     kept = start[0].copy(), start[1].copy()
-    found = em.fit(drawn, C, start, exclusive, widest=2.0)
+    found = em.fit(given, C, start, exclusive=exclusive, clutter=True, widest=2.0)
     assert all(np.array_equal(ours, before) for ours, before in zip(start, kept, strict=True))
     weights = association.responsibilities(
-        drawn, found.poses, found.landmarks, found.p, 1.0, exclusive
+        given, found.poses, found.landmarks, found.shares, 1.0, exclusive
     )
     assert np.abs(weights - found.weights).max() < 0.01
-    assert found.p == association.share_wrong(found.weights, drawn.label_of)
-    factors = association.weighted_factors(found.sure, drawn, found.weights, 1.0)
-    again = em._optimise(factors, found.poses, found.landmarks)
-    assert np.abs(again[0] - found.poses).max() < 1e-4
-    assert found.sure.size() == 1 + 9 + 4
-    assert found.the_world is drawn
+    again = association.estimate_shares(given, weights, found.landmarks, found.shares)
+    assert again == pytest.approx(found.shares, abs=1e-3)
+    factors = sure_factors(drawn, C, start[1])
+    for m, k in np.argwhere(found.responsibilities > association.NEGLIGIBLE):
+        sigma = 0.1 / np.sqrt(found.weights[m, k])
+        factors.push_back(range_factor(int(drawn.pose_of[m]), k, drawn.ranges[m], sigma))
+    values = solution.values_of(found.poses, found.landmarks)
+    best = levenberg_marquardt.levenberg_marquardt(factors, values)
+    assert np.abs(solution.poses_of(best, 10) - found.poses)[:, :2].max() < 1e-4
     assert np.array_equal(found.responsibilities, found.weights[:, :-1])
 
 
-def test_em_keeps_to_the_sure_factors_it_is_given():
-    """A prior on x_0 elsewhere moves the whole estimate by as much."""
+def test_em_keeps_to_the_priors_and_steps_of_its_log():
+    """A prior on x_0 elsewhere moves the whole estimate by as much; a surveyed landmark stays;
+    a step that is hardly known is found all the same."""
     drawn = simulation.simulate(
         scenario.Scenario(n_poses=8, n_landmarks=4), 0.0, rng=np.random.default_rng(101)
     )
-    start = losses.estimate(drawn, C, "oracle", "grid")
+    start, given = losses.estimate(drawn, C, "oracle", "grid"), drawn.log(C.x0_sigmas)
+    kinds = {"exclusive": False, "clutter": False}
+    plain = em.fit(given, C, start, **kinds)
     shift = np.array([0.3, -0.2])
-    moved = replace(drawn, x0_mean=drawn.x0_mean + np.append(shift, 0.0))
-    sure = sure_factors(moved, C, start[1] + shift)
-    plain, other = (em.fit(drawn, C, start, False, sure=factors) for factors in (None, sure))
+    moved = replace(given, x0_mean=given.x0_mean + np.append(shift, 0.0))
+    other = em.fit(moved, C, (start[0], start[1] + shift), **kinds)
     assert np.allclose(other.poses[:, :2] - plain.poses[:, :2], shift, atol=1e-3)
-    assert other.sure is sure
+    means, sigmas = np.full((4, 2), np.nan), np.full(4, np.nan)
+    means[2], sigmas[2] = start[1][2] + [0.2, 0.1], 1e-4
+    surveyed = replace(given, landmark_means=means, landmark_sigmas=sigmas)
+    other = em.estimate(surveyed, C, "grid", **kinds)
+    assert np.allclose(other.landmarks[2], means[2], atol=1e-3)
+    odometry, covariances = given.odometry.copy(), given.odometry_covariances.copy()
+    odometry[3, 0] += 2.0
+    covariances[3, :2, :2] = 9.0 * np.eye(2)
+    slipped = replace(given, odometry=odometry, odometry_covariances=covariances)
+    other = em.fit(slipped, C, start, **kinds)
+    assert np.abs(other.poses - plain.poses)[:, :2].max() < 0.1  # of a slip of 2 m
+
+
+def test_em_finds_a_range_offset_with_the_rest():
+    drawn = simulation.simulate(scenario.Scenario(), 0.2, rng=np.random.default_rng(101))
+    given = replace(
+        drawn.log(C.x0_sigmas), ranges=drawn.ranges + 0.2, offset=(0.0, 1.0), scale=(1.0, 0.0)
+    )
+    found = em.estimate(given, C, "grid", exclusive=True, clutter=False)
+    assert found.calibration == pytest.approx([1.0, 0.2], abs=0.03)
+    assert (np.linalg.eigvalsh(found.position_covariances) > 0).all()
+    known = em.estimate(replace(given, offset=(0.2, 0.0)), C, "grid", exclusive=True, clutter=False)
+    assert np.abs(found.poses - known.poses)[:, :2].max() < 0.1
+
+
+def louis(drawn, poses, landmarks, weights, prior_sigma=C.landmark_prior_sigma):
+    """Chain and state that Louis' covariance takes, and the weights."""
+    chain = chain_problem.of_log(drawn, landmarks, prior_sigma)
+    return chain, chain_solver.state_of(chain, poses, landmarks), weights
 
 
 def test_open_ranges_add_up_in_what_they_withhold():
@@ -381,8 +493,10 @@ def test_open_ranges_add_up_in_what_they_withhold():
     drawn = scans([0, 1, 1], [0, 2, 0], [5.2, 4.5, 5.0], poses, landmarks)
     weights = np.array([[0.7, 0.0, 0.3, 0.0], [0.4, 0.0, 0.5, 0.1], [1.0, 0.0, 0.0, 0.0]])
     present = np.array([0, 2])
-    terms = louis_covariance._scores(drawn, poses, landmarks, weights)
+    terms = louis_covariance._scores(*louis(drawn, poses, landmarks, weights))
     got = (terms @ terms.T).toarray()
+    assert not got[8:10].any()
+    got = np.delete(np.delete(got, [8, 9], axis=0), [8, 9], axis=1)
     expected = np.zeros((10, 10))
     for m in (0, 1):
         t, scores = drawn.pose_of[m], np.zeros((3, 10))  # the last: "none of these" has no score
@@ -402,20 +516,17 @@ def test_covariance_without_and_with_open_associations():
     """One pose with a prior, one range to a pinned landmark: without a doubt the inverse of the
     information; in doubt at most nine tenths of it are withheld in any direction."""
     poses, landmarks = np.array([[0.0, 0.0, np.pi / 2]]), np.array([[10.0, 0.0], [0.0, 10.0]])
-    sure = gtsam.NonlinearFactorGraph()
-    sure.push_back(pose_prior(poses[0], [0.5, 1.0, 0.1]))
-    for k in (0, 1):
-        sure.push_back(landmark_prior(k, landmarks[k], 1e-6))
-    drawn = scans([0], [0], [10.0], poses, landmarks)
-    certain = louis_covariance.position_covariances(
-        sure, drawn, poses, landmarks, np.array([[1.0, 0.0, 0.0]])
-    )
+    drawn = scans([0], [0], [10.0], poses, landmarks, x0_sigmas=[0.5, 1.0, 0.1])
+
+    def covariance(of, weights):
+        given = louis(of, poses, landmarks, np.array([weights]), 1e-6)
+        return louis_covariance.position_covariances(*given)
+
+    certain = covariance(drawn, [1.0, 0.0, 0.0])
     # the body's y axis points to minus x of the world, where the range is measured
     assert np.allclose(certain[0], np.diag([1 / (1 / 1.0**2 + 1 / 0.1**2), 0.5**2]), rtol=1e-6)
     doubtful = replace(drawn, ranges=np.array([11.0]))
-    half = np.array([[0.5, 0.5, 0.0]])
-    got = louis_covariance.position_covariances(sure, doubtful, poses, landmarks, half)
-    kept = louis_covariance.position_covariances(sure, drawn, poses, landmarks, half)
+    got, kept = covariance(doubtful, [0.5, 0.5, 0.0]), covariance(drawn, [0.5, 0.5, 0.0])
     assert np.allclose(kept[0], np.diag([1 / (1 + 50), 1 / (4 + 50)]), rtol=1e-6)
     # 1 m off at a sigma of 0.1 m: the score has a variance of 2500 (1, -1) (1, -1)^T
     information = np.diag([51.0, 54.0])
@@ -430,12 +541,9 @@ def test_what_the_associations_withhold_is_the_curvature_of_the_mixture():
     sigma, poses = 0.1, np.array([[0.0, 0.0, 0.3]])
     landmarks = np.array([[1e5, 0.0], [1e5 * np.cos(1.0), 1e5 * np.sin(1.0)]])
     range_ = 1e5 + 0.1
-    drawn = simulation.World(
-        poses, landmarks, np.empty((0, 3)), np.zeros(1, int), np.zeros(1, int), np.zeros(1, int),
-        np.array([range_]), scenario.Scenario(range_sigma=sigma), poses[0],
-    )  # fmt: skip
-    weights = association.responsibilities(drawn, poses, landmarks, 0.4, 1.0, False)
-    scores = louis_covariance._scores(drawn, poses, landmarks, weights)
+    drawn = scans([0], [0], [range_], poses, landmarks)
+    weights = association.responsibilities(drawn, poses, landmarks, Shares(0.4, 0), 1.0, False)
+    scores = louis_covariance._scores(*louis(drawn, poses, landmarks, weights))
     missing = (scores @ scores.T).toarray()
     unit = landmarks / 1e5
 
@@ -463,12 +571,11 @@ def test_what_the_associations_withhold_is_the_curvature_of_the_mixture():
     assert np.abs(missing[:2, :2]).max() > 10
 
 
-def dense(sure, drawn, poses, landmarks, weights):
+def dense(chain, at, weights):
     """Louis' covariances by the eigenvectors of the whole pencil, and its largest shares."""
-    factors = association.weighted_factors(sure, drawn, weights, 1.0)
-    values = solution.values_of(poses, landmarks)
-    complete = louis_covariance._information(factors, values, len(poses)).toarray()
-    scores = louis_covariance._scores(drawn, poses, landmarks, weights).toarray()
+    complete = louis_covariance._information(chain, at, weights).toarray()
+    scores = louis_covariance._scores(chain, at, weights).toarray()
+    poses = information.poses_of(at.frames)
     shares, directions = linalg.eigh(scores @ scores.T, complete)
     scaled = directions / np.sqrt(1 - np.clip(shares, 0, louis_covariance.MOST_MISSING))
     blocks = []
@@ -484,20 +591,37 @@ def test_louis_covariance_by_blocks_is_that_of_the_whole_pencil(torn, above):
     """Some ranges made to be torn between their landmark and one that is 0.6 m off: what they
     withhold exceeds what there is in a few directions, or in many."""
     drawn = simulation.simulate(scenario.Scenario(), 0.3, rng=np.random.default_rng(101))
-    start = landmark_starts.start_landmarks(drawn, drawn.poses, "grid")
-    weights = association.responsibilities(drawn, drawn.poses, drawn.landmarks, 0.3, 1.0, True)
+    weights = association.responsibilities(
+        drawn.log(C.x0_sigmas), drawn.poses, drawn.landmarks, Shares(0.3, 0), 1.0, True
+    )
     ranges = drawn.ranges.copy()
     for m in 3 * np.arange(torn):
         source = drawn.source_of[m]
         ranges[m] += 0.6
         weights[m] = 0.0
         weights[m, [source, (source + 1) % 6]] = 0.7, 0.3
-    drawn = replace(drawn, ranges=ranges)
-    given = sure_factors(drawn, C, start), drawn, drawn.poses, drawn.landmarks, weights
+    moved = replace(drawn.log(C.x0_sigmas), ranges=ranges)
+    given = louis(moved, drawn.poses, drawn.landmarks, weights)
     expected, shares = dense(*given)
     assert np.sum(shares > louis_covariance.MOST_MISSING) >= above
     got = louis_covariance.position_covariances(*given)
     assert np.allclose(got, expected, rtol=1e-9, atol=1e-9 * expected.max())
+
+
+def test_louis_information_is_that_of_gtsams_weighted_graph():
+    drawn = simulation.simulate(scenario.Scenario(), 0.3, rng=np.random.default_rng(101))
+    at, rng = (drawn.poses, drawn.landmarks), np.random.default_rng(0)
+    weights = rng.dirichlet(np.ones(7), len(drawn.ranges))
+    factors = sure_factors(drawn, C, drawn.landmarks)
+    for m, k in np.argwhere(weights[:, :-1] > association.NEGLIGIBLE):
+        sigma = 0.1 / np.sqrt(weights[m, k])
+        factors.push_back(range_factor(int(drawn.pose_of[m]), k, drawn.ranges[m], sigma))
+    ordering = gtsam.Ordering()
+    for key in [*(X(t) for t in range(30)), *(L(k) for k in range(6))]:
+        ordering.push_back(key)
+    expected, _ = factors.linearize(solution.values_of(*at)).hessian(ordering)
+    got = louis_covariance._information(*louis(drawn.log(C.x0_sigmas), *at, weights)).toarray()
+    assert np.allclose(got, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
 def test_louis_covariance_needs_no_matrix_of_all_variables():
@@ -507,11 +631,11 @@ def test_louis_covariance_needs_no_matrix_of_all_variables():
         drawn = simulation.simulate(
             scenario.Scenario(n_poses=n_poses, n_landmarks=2), 0.2, rng=np.random.default_rng(1)
         )
-        at = drawn.poses, drawn.landmarks
-        weights = association.responsibilities(drawn, *at, 0.2, 1.0, True)
-        sure = sure_factors(drawn, C, drawn.landmarks)
+        given, at = drawn.log(C.x0_sigmas), (drawn.poses, drawn.landmarks)
+        weights = association.responsibilities(given, *at, Shares(0.2, 0), 1.0, True)
+        given = louis(given, *at, weights)
         tracemalloc.start()
-        louis_covariance.position_covariances(sure, drawn, *at, weights)
+        louis_covariance.position_covariances(*given)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 5 * peaks[0]

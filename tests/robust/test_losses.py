@@ -40,7 +40,7 @@ def test_estimate_is_stationary_under_its_own_loss(method):
     drawn = make(0.3)
     poses, landmarks = losses.estimate(drawn, C, method, "grid")
     blind = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
-    starts = landmark_starts.start_landmarks(drawn, blind, "grid")
+    starts = landmark_starts.start_landmarks(drawn.log(C.x0_sigmas), blind, "grid")
     offsets = landmarks[drawn.label_of] - poses[drawn.pose_of, :2]
     lengths = np.linalg.norm(offsets, axis=1)
     pull = INFLUENCE[method]((lengths - drawn.ranges) / 0.1) / 0.1
@@ -86,7 +86,7 @@ def test_marginals_are_those_of_the_weights_of_the_loss():
     """Least squares with every range weighted by psi(r) / r at the estimate, as each reports."""
     drawn = make(0.2)
     blind = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
-    start = (blind, landmark_starts.start_landmarks(drawn, blind, "grid"))
+    start = (blind, landmark_starts.start_landmarks(drawn.log(C.x0_sigmas), blind, "grid"))
     for method in ("huber", "cauchy", "geman_mcclure", "gnc_tls", "gnc_gm"):
         found = losses.solve(drawn, C, method, start)
         lengths = np.linalg.norm(
@@ -139,7 +139,7 @@ def test_starts_and_robust_estimates_know_nothing_of_the_truth():
 def test_first_poses_start_is_least_squares_on_three_ranges():
     drawn = make(0.0)
     blind = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
-    starts = landmark_starts.start_landmarks(drawn, blind, "first_poses")
+    starts = landmark_starts.start_landmarks(drawn.log(C.x0_sigmas), blind, "first_poses")
     for k in range(6):
         ranges = drawn.ranges[drawn.label_of == k][:3]
         assert np.allclose(starts[k], landmark_starts.start_landmark(blind[:3, :2], ranges))

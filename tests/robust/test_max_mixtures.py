@@ -16,7 +16,10 @@ C = conventions.PRESETS["C"]
 def drawn(p=0.3, seed=100, start="grid"):
     the_world = simulation.simulate(Scenario(), p, rng=np.random.default_rng(seed))
     blind = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
-    return the_world, (blind, landmark_starts.start_landmarks(the_world, blind, start))
+    return the_world, (
+        blind,
+        landmark_starts.start_landmarks(the_world.log(C.x0_sigmas), blind, start),
+    )
 
 
 def test_the_null_hypothesis_takes_over_where_the_two_gaussians_cross():

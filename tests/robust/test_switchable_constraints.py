@@ -18,7 +18,10 @@ C = conventions.PRESETS["C"]
 def drawn(p=0.3, seed=100):
     the_world = simulation.simulate(scenario.Scenario(), p, rng=np.random.default_rng(seed))
     blind = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
-    return the_world, (blind, landmark_starts.start_landmarks(the_world, blind, "grid"))
+    return the_world, (
+        blind,
+        landmark_starts.start_landmarks(the_world.log(C.x0_sigmas), blind, "grid"),
+    )
 
 
 @pytest.fixture(scope="module")

@@ -64,7 +64,7 @@ def chain_of(drawn, means, **changed):
 def blind_start(drawn):
     """Dead reckoning, and the landmarks that the grid finds from it."""
     poses = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
-    return poses, landmark_starts.start_landmarks(drawn, poses, "grid")
+    return poses, landmark_starts.start_landmarks(drawn.log(C.x0_sigmas), poses, "grid")
 
 
 def gtsam_graph(given, loss=None):

@@ -1,0 +1,202 @@
+"""Real range-only data: the Plaza sets with labels made wrong or taken away, and GOATS."""
+
+import itertools
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from sngr_utils.files import formats, plaza
+from sngr_utils.files.recording import Recording
+from sngr_utils.metrics.alignment import aligned_errors, rigid
+from sngr_utils.metrics.rmse_and_nees import nees
+from sngr_utils.robust import growing_map
+from sngr_utils.robust.association import NEGLIGIBLE
+from sngr_utils.robust.growing_map import GrownMap
+from sngr_utils.robust.losses import CAUCHY_K, HUBER_K
+from sngr_utils.slam import chain_problem, chain_solver, range_loss
+from sngr_utils.slam.aligned_covariance import aligned_covariances
+from sngr_utils.slam.landmark_starts import start_landmarks
+from sngr_utils.world.dead_reckoning import dead_reckoning
+from sngr_utils.world.log import NO_LABEL, Log
+from sngr_utils.world.truth import Truth
+from sngr_utils.world.wrong_associations import wrong_associations
+
+LOSSES = {
+    "least_squares": range_loss.LEAST_SQUARES,
+    "huber": range_loss.Loss(range_loss.HUBER, HUBER_K),
+    "cauchy": range_loss.Loss(range_loss.CAUCHY, CAUCHY_K),
+}
+FAR = 5.0  # m, a held-out error that is told apart
+CLUTTER, STRETCHED = 0.6, 1.2  # provoked: share of ranges from nothing, factor on all ranges
+NAMELESS = ("no labels", "shuffled")  # labels that do not tell landmarks apart
+KINDS = ("labels", "no labels", "clutter", "shuffled", "stretched", "cut")
+
+
+def plaza_cells(seeds: range) -> list[tuple]:
+    """Arguments of `run_plaza` for the whole study."""
+    wrong = [("labels", p, seed) for p in (0.2, 0.4, 0.6) for seed in seeds]
+    once = [(kind, 0.0, seeds[0]) for kind in KINDS]
+    return [(name, *cell) for name in ("Plaza2", "Plaza1") for cell in once + wrong]
+
+
+def run_plaza(name: str, kind: str, p: float, seed: int) -> list[dict]:
+    """Every method on a Plaza set.
+
+    Parameters
+    ----------
+    name : "Plaza1" or "Plaza2"
+    kind : one of `KINDS`: labels wrong with probability p, none at all, or a failure provoked
+    seed : of what is drawn
+
+    Raises
+    ------
+    ValueError : another kind
+    """
+    recording = plaza.read(plaza.wheel(name))
+    log, truth = changed(recording, kind, p, rng=np.random.default_rng(seed))
+    head = {"set": name, "kind": kind, "p": p, "seed": seed}
+    rows = []
+    if kind == "labels":
+        for method, poses in _batch(log):
+            rows.append({**head, "method": method, **_path_errors(log, truth, poses)})
+    grown = growing_map.estimate(log)
+    rows.append({
+        **head,
+        "method": "growing_map",
+        **judged(grown, log, truth, kind not in NAMELESS),
+    })
+    return rows
+
+
+def changed(
+    recording: Recording, kind: str, p: float, *, rng: np.random.Generator
+) -> tuple[Log, Truth]:
+    """The log and its truth, with what a kind of run does to them."""
+    log, truth = recording.log, recording.truth
+    count, k = len(log.ranges), log.n_landmarks
+    if kind == "labels":
+        return replace(log, label_of=wrong_associations(truth.source_of, k, p, rng=rng)), truth
+    if kind == "no labels":
+        return replace(log, label_of=np.full(count, NO_LABEL)), truth
+    if kind == "clutter":
+        nothing = rng.random(count) < CLUTTER
+        drawn = rng.uniform(0, log.ranges.max(), count)
+        sources = np.where(nothing, NO_LABEL, truth.source_of)
+        return (
+            replace(log, ranges=np.where(nothing, drawn, log.ranges)),
+            replace(truth, source_of=sources),
+        )
+    if kind == "shuffled":
+        return replace(log, label_of=rng.permutation(log.label_of)), truth
+    if kind == "stretched":
+        return replace(log, ranges=STRETCHED * log.ranges), truth
+    if kind == "cut":
+        odometry = log.odometry.copy()
+        odometry[len(odometry) // 2 :] = 0
+        return replace(log, odometry=odometry), truth
+    raise ValueError(f"kind is {kind!r}: it must be one of {', '.join(KINDS)}")
+
+
+def _batch(log: Log) -> list[tuple[str, np.ndarray]]:
+    """(T, 3) poses of dead reckoning and of each loss, the noise as the log gives it."""
+    poses = dead_reckoning(log.x0_mean, log.odometry)
+    found = [("dead_reckoning", poses)]
+    landmarks = start_landmarks(log, poses, "grid")
+    chain = chain_problem.of_log(log, landmarks, growing_map.WIDE * float(log.ranges.max()))
+    for method, loss in LOSSES.items():
+        solved = chain_solver.solve(chain, poses, landmarks, loss, chain_solver.CERES)
+        found.append((method, solved.poses))
+    return found
+
+
+def _path_errors(log: Log, truth: Truth, poses: np.ndarray) -> dict:
+    """Aligned RMSE over the poses that have ranges, and over all, [m]."""
+    heard = np.unique(log.pose_of)
+    errors = aligned_errors(poses[heard, :2], truth.poses[heard, :2])
+    everywhere = aligned_errors(poses[:, :2], truth.poses[:, :2])
+    return {"rmse": _root_mean_square(errors), "rmse_everywhere": _root_mean_square(everywhere)}
+
+
+def judged(grown: GrownMap, log: Log, truth: Truth, named: bool) -> dict:
+    """What a grown map is worth, and what it says of itself.
+
+    Parameters
+    ----------
+    named : whether landmarks are told apart by labels; else by most of their ranges
+    """
+    soft, noise = grown.soft, grown.noise
+    credited, used = soft.responsibilities.argmax(axis=1), soft.weights[:, -1] < 0.5
+    if not named:
+        credited = _renamed(credited, truth.source_of, log.n_landmarks)
+    right = used & (credited == truth.source_of)
+    heard = np.unique(log.pose_of)
+    errors = aligned_errors(soft.poses[heard, :2], truth.poses[heard, :2])
+    scale = _calibration(grown)
+    return {
+        **_path_errors(log, truth, soft.poses),
+        "nees": _aligned_nees(grown, heard, errors, truth),
+        "precision": float(right.sum() / max(used.sum(), 1)),
+        "recall": float(right.sum() / np.count_nonzero(truth.source_of != NO_LABEL)),
+        "share_wrong": soft.shares.wrong,
+        "clutter": soft.shares.clutter,
+        "scale": scale[0],
+        "scale_sigma": scale[1],
+        "range_sigma": float(np.median(noise.log.range_sigmas)),
+        **{name.replace(" ", "_"): value for name, value in noise.sigmas.items()},
+        "unexplained": grown.unexplained,
+        "doubtful": bool(grown.doubts),
+    }
+
+
+def _calibration(grown: GrownMap) -> tuple[float, float]:
+    """Range scale and its sigma."""
+    covariance = grown.noise.estimate.calibration_covariance
+    return float(grown.soft.calibration[0]), float(np.sqrt(covariance[0, 0]))
+
+
+def _aligned_nees(grown: GrownMap, heard: np.ndarray, errors: np.ndarray, truth: Truth) -> float:
+    soft = grown.soft
+    chain = chain_problem.weighted(soft.chain, soft.responsibilities, 1.0, NEGLIGIBLE)
+    at = chain_solver.state_of(chain, soft.poses, soft.landmarks)
+    at = at._replace(calibration=soft.calibration)
+    rotation, _ = rigid(soft.poses[heard, :2], truth.poses[heard, :2])
+    found = aligned_covariances(chain, at, soft.position_covariances, heard)
+    return nees(errors, rotation @ found @ rotation.T)
+
+
+def _renamed(credited: np.ndarray, sources: np.ndarray, n_landmarks: int) -> np.ndarray:
+    """Landmarks under the names with which most ranges are credited rightly."""
+    names = itertools.permutations(range(n_landmarks))
+    best = max(names, key=lambda name: np.count_nonzero(np.array(name)[credited] == sources))
+    return np.array(best)[credited]
+
+
+def _root_mean_square(errors: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
+
+
+def run_goats(number: int) -> list[dict]:
+    """A GOATS set, judged by every tenth range, which the estimate does not see.
+
+    Parameters
+    ----------
+    number : 15 or 16
+    """
+    import gtsam
+
+    recording = formats.read(Path(gtsam.findExampleDataFile(f"goats_{number}.pyfg")))
+    log = recording.log
+    held = np.arange(len(log.ranges)) % growing_map.HELD_OUT == 0
+    soft = growing_map.estimate(log.keep(~held)).soft
+    asked = log.keep(held)
+    reached = soft.landmarks[asked.label_of] - soft.poses[asked.pose_of, :2]
+    expected = soft.calibration[0] * np.linalg.norm(reached, axis=1) + soft.calibration[1]
+    errors = np.abs(asked.ranges - expected)
+    beacons = aligned_errors(soft.landmarks, recording.truth.landmarks)
+    return [{
+        "set": f"goats_{number}", "held_out": int(held.sum()),
+        "median": float(np.median(errors)), "ninth_decile": float(np.quantile(errors, 0.9)),
+        "far": float(np.mean(errors > FAR)),
+        "beacons_rmse": _root_mean_square(beacons), "clutter": soft.shares.clutter,
+    }]  # fmt: skip

@@ -1,0 +1,25 @@
+"""Which reader a path is for."""
+
+from pathlib import Path
+
+from sngr_utils.files import nsfg, plaza, pyfg, tables
+from sngr_utils.files.recording import Recording
+
+READERS = {".pyfg": pyfg.read, ".fg": nsfg.read, ".mat": plaza.read}
+
+
+def read(path: Path) -> Recording:
+    """The recording in a file, by its suffix, or in the tables of a folder.
+
+    Raises
+    ------
+    ValueError : one line that names the file, what is wrong with it, and where
+    """
+    if path.is_dir():
+        return tables.read(path)
+    if path.suffix not in READERS:
+        known = ", ".join(READERS)
+        raise ValueError(f"{path}: neither one of {known} nor a folder of tables")
+    if not path.exists():
+        raise ValueError(f"{path}: no such file")
+    return READERS[path.suffix](path)

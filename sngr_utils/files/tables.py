@@ -1,0 +1,291 @@
+"""Tables of comma-separated values in a folder: see docs/data_format.md for their columns.
+
+`odometry.csv` and `ranges.csv` are the log, with `landmarks.csv` and `calibration.csv` where there
+is more to tell; `truth.csv` is for judging.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from sngr_utils.files.recording import Recording, named
+from sngr_utils.files.text import Line, lines
+from sngr_utils.world.log import NO_LABEL, Log
+from sngr_utils.world.truth import Truth
+
+MOTION = ["dx_m", "dy_m", "dtheta_rad"]
+SIGMAS = ["sigma_x_m", "sigma_y_m", "sigma_theta_rad"]
+CORRELATIONS = ["rho_xy", "rho_xtheta", "rho_ytheta"]
+# of each table: columns that it must have, and those that it may have
+COLUMNS = {
+    "odometry": (["time_s", *MOTION, *SIGMAS], CORRELATIONS),
+    "ranges": (["range_m", "sigma_m", "landmark"], ["time_s", "pose", "source"]),
+    "landmarks": (["landmark"], ["x_m", "y_m", "sigma_m", "true_x_m", "true_y_m"]),
+    "truth": (["x_m", "y_m", "theta_rad"], ["time_s"]),
+    "calibration": (["quantity", "mean", "sigma"], []),
+}
+CHANCE = "p:"  # a column of chances that a range is from the landmark named after it
+FIXED = {"scale": (1.0, 0.0), "offset_m": (0.0, 0.0)}
+
+
+def read(folder: Path) -> Recording:
+    """The recording in the tables of a folder.
+
+    Raises
+    ------
+    ValueError : naming file and line, a table that is missing or does not say what it must
+    """
+    odometry, ranges = _table(folder, "odometry"), _table(folder, "ranges")
+    landmarks, truth = _table(folder, "landmarks", False), _table(folder, "truth", False)
+    times = _times(odometry)
+    names, motions = _names(landmarks, ranges), odometry.numbers(MOTION)
+    first, covariances = _noise(odometry)
+    given = {
+        **_ranges(ranges, times, names),
+        **_survey(landmarks),
+        **_calibration(_table(folder, "calibration", False)),
+    }
+    with named(folder):
+        log = Log(
+            odometry=motions[1:],
+            odometry_covariances=covariances,
+            times=times,
+            x0_mean=motions[0],
+            x0_sigmas=first,
+            n_landmarks=len(names),
+            **given,
+        )
+    return Recording(log, _truth(log, truth, landmarks, ranges, names), names)
+
+
+class Table:
+    """A table: its header has been checked, its cells are numbers when they are asked for."""
+
+    def __init__(self, path: Path, rows: list[Line], header: list[str]):
+        self.path, self.rows, self.header = path, rows, header
+
+    def cells(self, column: str) -> list[str]:
+        """A column; empty cells if the table has none of that name."""
+        if column not in self.header:
+            return [""] * len(self.rows)
+        at = self.header.index(column)
+        return [row.fields[at] for row in self.rows]
+
+    def numbers(self, columns: list[str], empty: bool = False) -> np.ndarray:
+        """(N, C) numbers of some columns; NaN for empty cells, where they may be."""
+        found = np.full((len(self.rows), len(columns)), np.nan)
+        for i, row in enumerate(self.rows):
+            cells = [self.cells_of(row, name) for name in columns]
+            if not (empty and not any(cells)):
+                found[i] = row.numbers(cells)
+        return found
+
+    def cells_of(self, row: Line, column: str) -> str:
+        """The cell of a row; empty if there is no such column."""
+        return row.fields[self.header.index(column)] if column in self.header else ""
+
+    def positive(self, column: str) -> np.ndarray:
+        """(N,) positive numbers of a column."""
+        at = self.header.index(column)
+        return np.array([row.positive(row.fields[at], column) for row in self.rows])
+
+
+def _table(folder: Path, name: str, required: bool = True) -> Table | None:
+    """A table with a header that it may have; None if it is missing and may be."""
+    path = folder / f"{name}.csv"
+    if not required and not path.exists():
+        return None
+    head, *rows = lines(path, ",")
+    must, may = COLUMNS[name]
+    for column in must:
+        if column not in head.fields:
+            raise head.refuse(f"no column {column}: the header must be {','.join(must)}")
+    for column in head.fields:
+        chance = name == "ranges" and column.startswith(CHANCE)
+        if not chance and column not in [*must, *may]:
+            raise head.refuse(
+                f"{column[:40]!r} is no column of {path.name}: {', '.join(must + may)}"
+            )
+        if head.fields.count(column) > 1:
+            raise head.refuse(f"column {column} stands there twice")
+    for row in rows:
+        if len(row.fields) != len(head.fields):
+            raise row.refuse(f"{len(row.fields)} cells: the header has {len(head.fields)}")
+    return Table(path, rows, head.fields)
+
+
+def _times(odometry: Table) -> np.ndarray:
+    """(T,) times of the poses, [s]."""
+    if not odometry.rows:
+        raise ValueError(f"{odometry.path}: no pose")
+    times = odometry.numbers(["time_s"])[:, 0]
+    for row, step in zip(odometry.rows[1:], np.diff(times), strict=True):
+        if step < 0:
+            raise row.refuse("time must not go back")
+    return times
+
+
+def _noise(odometry: Table) -> tuple[np.ndarray, np.ndarray]:
+    """(3,) sigmas of the first pose, and (T-1, 3, 3) covariances of the steps."""
+    sigmas = np.column_stack([odometry.positive(name) for name in SIGMAS])
+    rho = np.hstack([odometry.numbers([name], empty=True) for name in CORRELATIONS])
+    rho = np.nan_to_num(rho)
+    correlations = np.tile(np.eye(3), (len(rho), 1, 1))
+    for (i, j), column in zip(((0, 1), (0, 2), (1, 2)), rho.T, strict=True):
+        correlations[:, i, j] = correlations[:, j, i] = column
+    for row, matrix in zip(odometry.rows, correlations, strict=True):
+        if not np.linalg.eigvalsh(matrix)[0] > 0:
+            raise row.refuse("correlations must be those of a covariance")
+    if rho[0].any():
+        raise odometry.rows[0].refuse("a prior with correlations: a log has none")
+    return sigmas[0], (correlations * sigmas[:, :, None] * sigmas[:, None, :])[1:]
+
+
+def _names(landmarks: Table | None, ranges: Table) -> list[str]:
+    """What landmarks are called: those of their table in its order, or of the ranges sorted."""
+    if landmarks is None:
+        chances = [name[len(CHANCE) :] for name in ranges.header if name.startswith(CHANCE)]
+        found = {*ranges.cells("landmark"), *ranges.cells("source"), *chances} - {""}
+        return sorted(found, key=lambda name: (len(name) if name.isdigit() else 0, name))
+    names = landmarks.cells("landmark")
+    for row, name in zip(landmarks.rows, names, strict=True):
+        if not name or names.count(name) > 1:
+            raise row.refuse(f"landmark {name[:40]!r}: a name must stand there once")
+    return names
+
+
+def _ranges(ranges: Table, times: np.ndarray, names: list[str]) -> dict:
+    """Fields of the log for the ranges."""
+    columns = [name for name in ranges.header if name.startswith(CHANCE)]
+    found = {
+        "pose_of": _pose_of(ranges, times),
+        "ranges": ranges.positive("range_m"),
+        "range_sigmas": ranges.positive("sigma_m"),
+        "label_of": _numbers_of(ranges, "landmark", names),
+    }
+    if columns:
+        chances = np.zeros((len(ranges.rows), len(names)))
+        for name in columns:
+            if name[len(CHANCE) :] not in names:
+                raise ValueError(f"{ranges.path}: column {name}: landmarks.csv has none such")
+            chances[:, names.index(name[len(CHANCE) :])] = ranges.numbers([name])[:, 0]
+        found["label_probabilities"] = chances
+    return found
+
+
+def _pose_of(ranges: Table, times: np.ndarray) -> np.ndarray:
+    """(M,) pose of each range: the one it names, or the nearest in time."""
+    last = len(times) - 1
+    if "pose" in ranges.header:
+        poses = ranges.numbers(["pose"])[:, 0]
+        for row, pose in zip(ranges.rows, poses, strict=True):
+            if pose % 1 or not 0 <= pose <= last:
+                raise row.refuse(f"pose is {pose:g}: it must be an integer from 0 to {last}")
+        return poses.astype(int)
+    if "time_s" not in ranges.header:
+        raise ValueError(f"{ranges.path}: it must have a column time_s or pose")
+    when = ranges.numbers(["time_s"])[:, 0]
+    slack = np.diff(times).max(initial=0.0)
+    for row, time in zip(ranges.rows, when, strict=True):
+        if not times[0] - slack <= time <= times[-1] + slack:
+            raise row.refuse(f"time_s is {time:g}: the poses go from {times[0]:g} to {times[-1]:g}")
+    after = np.clip(np.searchsorted(times, when), min(1, last), last)
+    before = np.maximum(after - 1, 0)
+    return np.where(when - times[before] <= times[after] - when, before, after)
+
+
+def _numbers_of(table: Table, column: str, names: list[str]) -> np.ndarray:
+    """(N,) numbers of the landmarks that a column names, -1 where it is empty."""
+    number_of = {name: k for k, name in enumerate(names)} | {"": NO_LABEL}
+    for row, name in zip(table.rows, table.cells(column), strict=True):
+        if name not in number_of:
+            raise row.refuse(f"landmark {name[:40]!r}: landmarks.csv has none such")
+    return np.array([number_of[name] for name in table.cells(column)], dtype=int)
+
+
+def _survey(landmarks: Table | None) -> dict:
+    if landmarks is None:
+        return {}
+    surveyed = landmarks.numbers(["x_m", "y_m", "sigma_m"], empty=True)
+    return {"landmark_means": surveyed[:, :2], "landmark_sigmas": surveyed[:, 2]}
+
+
+def _calibration(table: Table | None) -> dict:
+    if table is None:
+        return {}
+    found = dict(FIXED)
+    for row in table.rows:
+        name, *cells = (table.cells_of(row, column) for column in COLUMNS["calibration"][0])
+        if name not in FIXED:
+            raise row.refuse(f"quantity is {name[:40]!r}: it must be one of {', '.join(FIXED)}")
+        mean, sigma = (float("inf") if c == "inf" else float(row.numbers([c])[0]) for c in cells)
+        found[name] = (mean, sigma)
+    return {"scale": found["scale"], "offset": found["offset_m"]}
+
+
+def _truth(
+    log: Log, truth: Table | None, landmarks: Table | None, ranges: Table, names: list[str]
+) -> Truth | None:
+    known = np.full((len(names), 2), np.nan)
+    if landmarks is not None:
+        known = landmarks.numbers(["true_x_m", "true_y_m"], empty=True)
+    sources = "source" in ranges.header
+    if truth is None and not sources and np.isnan(known).all():
+        return None
+    poses = None if truth is None else truth.numbers(["x_m", "y_m", "theta_rad"])
+    if poses is not None and len(poses) != log.n_poses:
+        raise ValueError(f"{truth.path}: {len(poses)} rows: odometry.csv has {log.n_poses}")
+    source_of = _numbers_of(ranges, "source", names)[log.row_of] if sources else None
+    return Truth(poses=poses, landmarks=known, source_of=source_of)
+
+
+# --- writing --------------------------------------------------------------------------------
+
+
+def write(folder: Path, recording: Recording) -> None:
+    """Write the tables of a recording into a folder, made if need be; ranges as sorted by pose."""
+    log, truth, names = recording.log, recording.truth, recording.landmark_names
+    folder.mkdir(parents=True, exist_ok=True)
+    _write(folder / "odometry.csv", [*COLUMNS["odometry"][0], *CORRELATIONS], _odometry_rows(log))
+    columns = ["pose", "time_s", "range_m", "sigma_m", "landmark"]
+    label = ["" if k == NO_LABEL else names[k] for k in log.label_of]
+    cells = [log.pose_of, log.times[log.pose_of], log.ranges, log.range_sigmas, label]
+    if log.label_probabilities is not None:
+        columns += [CHANCE + name for name in names]
+        cells += list(log.label_probabilities.T)
+    if truth is not None and truth.source_of is not None:
+        columns.append("source")
+        cells.append(["" if k == NO_LABEL else names[k] for k in truth.source_of])
+    _write(folder / "ranges.csv", columns, zip(*cells, strict=True))
+    known = np.full((log.n_landmarks, 2), np.nan) if truth is None else truth.landmarks
+    cells = names, *log.landmark_means.T, log.landmark_sigmas, *known.T
+    header = [*COLUMNS["landmarks"][0], *COLUMNS["landmarks"][1]]
+    _write(folder / "landmarks.csv", header, zip(*cells, strict=True))
+    if truth is not None and truth.poses is not None:
+        rows = np.column_stack([log.times, truth.poses])
+        _write(folder / "truth.csv", ["time_s", *COLUMNS["truth"][0]], rows)
+    if (log.scale, log.offset) != tuple(FIXED.values()):
+        rows = [("scale", *log.scale), ("offset_m", *log.offset)]
+        _write(folder / "calibration.csv", COLUMNS["calibration"][0], rows)
+
+
+def _odometry_rows(log: Log) -> np.ndarray:
+    """(T, 10) rows, the first one the prior on the first pose."""
+    sigmas = np.sqrt(np.diagonal(log.odometry_covariances, axis1=1, axis2=2))
+    c = log.odometry_covariances / (sigmas[:, :, None] * sigmas[:, None, :])
+    steps = np.column_stack([log.odometry, sigmas, c[:, 0, 1], c[:, 0, 2], c[:, 1, 2]])
+    first = np.concatenate([log.x0_mean, log.x0_sigmas, np.zeros(3)])
+    return np.column_stack([log.times, np.vstack([first, steps])])
+
+
+def _write(path: Path, header: list[str], rows) -> None:
+    text = [",".join(header)] + [",".join(map(_shown, row)) for row in rows]
+    path.write_text("\n".join(text) + "\n")
+
+
+def _shown(cell) -> str:
+    if isinstance(cell, str):
+        return cell
+    if isinstance(cell, np.integer):
+        return str(int(cell))
+    return "" if np.isnan(cell) else repr(float(cell))

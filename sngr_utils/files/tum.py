@@ -1,0 +1,21 @@
+"""Trajectories in TUM's format: a line `time x y z qx qy qz qw` for each pose."""
+
+from pathlib import Path
+
+import numpy as np
+
+
+def write(path: Path, times: np.ndarray, poses: np.ndarray) -> None:
+    """Write a trajectory of the plane; z and the first two of the quaternion are 0.
+
+    Parameters
+    ----------
+    times : (T,), [s]
+    poses : (T, 3), [m, m, rad]
+    """
+    zero = np.zeros(len(poses))
+    half = poses[:, 2] / 2
+    table = np.column_stack(
+        [times, poses[:, :2], zero, zero, zero, np.sin(half), np.cos(half)]
+    )  # fmt: skip
+    path.write_text("".join(" ".join(repr(float(v)) for v in row) + "\n" for row in table))

@@ -1,0 +1,249 @@
+"""A map from a whole log of which little is known: labels perhaps wrong or missing, noise a guess.
+
+EM on growing prefixes: over a short way dead reckoning is good enough to find landmarks without
+labels, and each longer prefix starts from what the shorter one has found. At the end the noise is
+estimated with the map, in turn, and the estimate is asked whether it explains ranges that it has
+not seen.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import special
+
+from sngr_utils.robust import em
+from sngr_utils.robust.association import log_joint, posterior, residuals
+from sngr_utils.slam import chain_cost, chain_solver, noise_estimation
+from sngr_utils.slam.conventions import Conventions
+from sngr_utils.slam.landmark_starts import START_AFTER, best_cell
+from sngr_utils.slam.noise_estimation import Noise
+from sngr_utils.slam.range_loss import LEAST_SQUARES
+from sngr_utils.world.dead_reckoning import dead_reckoning, dead_reckoning_variances
+from sngr_utils.world.log import NO_LABEL, Log
+
+# Searches: ranges that the first prefix has for each landmark, and growth of the number of poses
+# from one prefix to the next. Two that agree are enough.
+SEARCHES = ((40, 1.25), (40, 1.1), (60, 1.1))
+AGREE = 1.0  # nats between two searches that have found the same
+WIDEST, LAST = 3.0, 2.0  # range sigmas that a longer prefix starts with, and a last repair
+STARVING = 0.25  # of the ranges that are promised to a landmark: with less it is started again
+WIDE = 1e3  # longest ranges, the sigma of a prior that says nothing of a landmark
+ROUNDS, SAME = 4, 0.01  # of noise and map in turn, and the logarithm of a sigma that has settled
+HELD_OUT = 10  # one range of so many is held out
+# Beyond these the estimate says that it may be wrong
+MOST_UNEXPLAINED = 0.05  # share of held-out ranges that are nobody's, beyond that of all
+STRETCH, MOST_UNEVEN = 40, 3.0  # ranges, and the variance of clutter in so many over a chance one
+
+
+@dataclass(frozen=True)
+class GrownMap:
+    """An estimate of a log, with the noise found in it and what it says of itself.
+
+    Attributes
+    ----------
+    soft : poses, landmarks, calibration, and the sources of the ranges
+    noise : sigmas found, with the log that has them
+    scores : log likelihood that each search has reached, [nats]
+    unexplained : share of held-out ranges that the map explains by no landmark
+    doubts : reasons to doubt it, a sentence each; none if there are none
+    """
+
+    soft: em.SoftEstimate
+    noise: Noise
+    scores: list[float]
+    unexplained: float
+    doubts: list[str]
+
+
+def estimate(log: Log, progress: Callable[[float], None] = lambda share: None) -> GrownMap:
+    """Poses, landmarks, noise and doubts of a log.
+
+    Parameters
+    ----------
+    progress : is told which share of the work is done, from 0 to 1
+
+    Raises
+    ------
+    ValueError : a log without landmarks or ranges
+    """
+    if not log.n_landmarks or not len(log.ranges):
+        raise ValueError("there is nothing to estimate: no landmark or no range")
+    soft, scores = _search(log, progress)
+    for turn in range(ROUNDS):
+        noise = noise_estimation.estimate(
+            _from(log, soft.calibration), soft.poses, soft.landmarks, soft.responsibilities,
+            landmark_prior_sigma=_free(log).landmark_prior_sigma,
+        )  # fmt: skip
+        settled = abs(math.log(noise.sigmas[noise_estimation.RANGE])) < SAME
+        start = noise.estimate.poses, noise.estimate.landmarks
+        log = replace(noise.log, scale=log.scale, offset=log.offset)
+        soft = _fit(log, start, noise.estimate.calibration, 1.0)
+        progress(0.7 + 0.05 * turn)
+        if settled and turn:
+            break
+    noise = replace(noise, log=log)
+    unexplained = _unexplained(log, soft)
+    progress(1.0)
+    return GrownMap(soft, noise, scores, unexplained, _doubts(log, soft, scores, unexplained))
+
+
+def _search(log: Log, progress: Callable[[float], None]) -> tuple[em.SoftEstimate, list[float]]:
+    """The likeliest map that the searches have found, and the scores of all."""
+    maps, scores = [], []
+    for i, (per_landmark, growth) in enumerate(SEARCHES):
+        maps.append(grow(log, per_landmark, growth))
+        scores.append(score(log, maps[-1]))
+        progress(0.2 * (i + 1))
+        if _found_twice(scores):
+            break
+    return maps[int(np.argmax(scores))], scores
+
+
+def _found_twice(scores: list[float]) -> bool:
+    return sum(score > max(scores) - AGREE for score in scores) > 1
+
+
+def score(log: Log, soft: em.SoftEstimate) -> float:
+    """Log likelihood of a map, with the sources of the ranges summed over, [nats]."""
+    unranged = soft.chain._replace(weights=np.zeros(len(log.ranges)))
+    at = chain_solver.state_of(unranged, soft.poses, soft.landmarks)
+    at = at._replace(calibration=soft.calibration)
+    found = residuals(log, soft.poses[:, :2], soft.landmarks, soft.calibration)
+    variances = np.broadcast_to(log.range_sigmas[:, None] ** 2, found.shape)
+    ranges = special.logsumexp(log_joint(log, found, variances, soft.shares), axis=1).sum()
+    return float(ranges - chain_cost.cost(unranged, LEAST_SQUARES, at))
+
+
+def grow(log: Log, per_landmark: int, growth: float) -> em.SoftEstimate:
+    """EM on prefixes of a log, each longer one from what the one before has found.
+
+    Parameters
+    ----------
+    per_landmark : ranges that the first prefix has for each landmark
+    growth : of the number of poses
+    """
+    n = _first_length(log, per_landmark * log.n_landmarks)
+    part = log.first(n)
+    poses, calibration = dead_reckoning(log.x0_mean, part.odometry), None
+    landmarks = start_missing(part, poses, log.landmark_means, np.ones(len(part.ranges), bool))
+    widest = em.WIDEST
+    while True:
+        soft = _fit(part, (poses, landmarks), calibration, widest)
+        lost = starving(part, soft)
+        if n == log.n_poses and not (lost.any() and widest > LAST):
+            return soft
+        widest = LAST if n == log.n_poses else WIDEST
+        before, n = n, min(log.n_poses, math.ceil(growth * n))
+        part, calibration = log.first(n), soft.calibration
+        tail = dead_reckoning(soft.poses[-1], part.odometry[before - 1 :])
+        poses = np.vstack([soft.poses, tail[1:]])
+        free = np.ones(len(part.ranges), bool)
+        free[: len(soft.weights)] = soft.weights[:, -1] > 0.5
+        kept = np.where(lost[:, None], np.nan, soft.landmarks)
+        landmarks = start_missing(part, poses, kept, free)
+        landmarks = np.where(np.isnan(landmarks), soft.landmarks, landmarks)
+
+
+def starving(log: Log, soft: em.SoftEstimate) -> np.ndarray:
+    """(K,) landmarks with hardly a range, although labels, or their number, promise many."""
+    share = soft.responsibilities.sum(axis=0)
+    labels = log.label_of[log.label_of != NO_LABEL]
+    promised = np.bincount(labels, minlength=log.n_landmarks).astype(float)
+    if not len(labels):
+        promised[:] = len(log.ranges) / log.n_landmarks
+    return np.isnan(soft.landmarks[:, 0]) | (share < STARVING * promised)
+
+
+def start_missing(
+    log: Log, poses: np.ndarray, landmarks: np.ndarray, free: np.ndarray
+) -> np.ndarray:
+    """(K, 2) landmarks, those that are NaN started by the ranges that none of them explains.
+
+    Labelled ranges start the landmark of their label; if there are none, the best cell of the grid
+    for all free ranges is a landmark, and its ranges are free no more.
+
+    Parameters
+    ----------
+    free : (M,) whether a range may start a landmark
+    """
+    landmarks, free = landmarks.copy(), free.copy()
+    labelled = np.any(log.label_of != NO_LABEL)
+    places = poses[log.pose_of, :2]
+    reckoned = dead_reckoning_variances(poses, log.odometry_covariances)[log.pose_of]
+    variances = reckoned + log.range_sigmas**2
+    for k in np.flatnonzero(np.isnan(landmarks[:, 0])):
+        mine = free & (log.label_of == k) if labelled else free
+        if len(np.unique(log.pose_of[mine])) < START_AFTER:
+            continue
+        landmarks[k] = best_cell(
+            places[mine], log.ranges[mine], variances[mine], log.ranges.max()
+        )  # fmt: skip
+        if not labelled:
+            found = log.ranges - np.linalg.norm(places - landmarks[k], axis=1)
+            free &= np.abs(found) > em.WIDEST * np.sqrt(variances)
+    return landmarks
+
+
+def _first_length(log: Log, enough: int) -> int:
+    """Poses of the first prefix, which has enough ranges."""
+    if enough >= len(log.ranges):
+        return log.n_poses
+    return int(min(log.n_poses, max(log.pose_of[enough - 1] + 1, 2)))
+
+
+def _free(log: Log) -> Conventions:
+    """Nothing is known of a landmark beforehand."""
+    return Conventions(landmark_prior_sigma=WIDE * float(log.ranges.max()))
+
+
+def _fit(log: Log, start, calibration: np.ndarray | None, widest: float) -> em.SoftEstimate:
+    log = log if calibration is None else _from(log, calibration)
+    return em.fit(log, _free(log), start, exclusive=False, clutter=True, widest=widest)
+
+
+def _from(log: Log, calibration: np.ndarray) -> Log:
+    """The log, its range scale and offset centred where they were found, if they are open."""
+    scale, offset = (
+        (float(value), sigma) if sigma > 0 else (mean, sigma)
+        for value, (mean, sigma) in zip(calibration, (log.scale, log.offset), strict=True)
+    )
+    return replace(log, scale=scale, offset=offset)
+
+
+def _unexplained(log: Log, soft: em.SoftEstimate) -> float:
+    """Share of every tenth range that a map made without them has for nobody's."""
+    held = np.arange(len(log.ranges)) % HELD_OUT == HELD_OUT // 2
+    seen = _fit(log.keep(~held), (soft.poses, soft.landmarks), soft.calibration, 1.0)
+    asked = log.keep(held)
+    found = residuals(asked, seen.poses[:, :2], seen.landmarks, seen.calibration)
+    spread = seen.position_covariances.trace(axis1=1, axis2=2)[asked.pose_of] / 2
+    variances = np.broadcast_to((asked.range_sigmas**2 + spread)[:, None], found.shape)
+    weights = posterior(log_joint(asked, found, variances, seen.shares))
+    return float(weights[:, -1].mean()) if len(weights) else 0.0
+
+
+def _unevenness(clutter: np.ndarray) -> float:
+    """Variance of the clutter in stretches of a log over that of clutter by chance."""
+    stretches = len(clutter) // STRETCH
+    share = clutter.mean()
+    if stretches < 2 or clutter.sum() < STRETCH / 2:
+        return 0.0
+    by_chance = share * (1 - share) / STRETCH
+    return float(clutter[: stretches * STRETCH].reshape(-1, STRETCH).mean(axis=1).var() / by_chance)
+
+
+def _doubts(log: Log, soft: em.SoftEstimate, scores: list[float], unexplained: float) -> list[str]:
+    """Why the estimate may be wrong."""
+    found = []
+    if not _found_twice(scores):
+        found.append(f"{len(scores)} searches have found {len(scores)} maps")
+    if unexplained - soft.shares.clutter > MOST_UNEXPLAINED:
+        found.append(f"{unexplained:.0%} of held-out ranges are explained by no landmark")
+    if _unevenness(soft.weights[:, -1]) > MOST_UNEVEN:
+        found.append("ranges credited to no landmark come in stretches")
+    lost = np.flatnonzero(starving(log, soft)).tolist()
+    if lost:
+        found.append(f"landmarks {lost} have hardly a range")
+    return found

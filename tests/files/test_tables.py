@@ -1,0 +1,146 @@
+"""Tables of comma-separated values, and trajectories."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sngr_utils.files import formats, tables, tum
+from sngr_utils.files.recording import Recording
+from sngr_utils.world.log import Log
+from sngr_utils.world.scenario import Scenario
+from sngr_utils.world.simulation import simulate
+from sngr_utils.world.truth import Truth
+
+ODOMETRY = """\
+time_s,dx_m,dy_m,dtheta_rad,sigma_x_m,sigma_y_m,sigma_theta_rad
+10.0,1.0,2.0,0.5,0.1,0.1,0.05
+11.0,1.0,0.0,0.1,0.2,0.3,0.01
+12.0,1.0,0.1,0.0,0.2,0.3,0.01
+"""
+RANGES = """\
+time_s, range_m, sigma_m, landmark
+11.6, 3.0, 0.5, b
+10.4, 2.0, 0.5, a
+11.5, 4.0, 0.5,
+"""
+LANDMARKS = "landmark,x_m,y_m,sigma_m\nb,,,\na,4.0,5.0,0.2\nc,,,\n"
+
+
+def folder_of(tmp_path, **changed):
+    given = {"odometry": ODOMETRY, "ranges": RANGES, **changed}
+    for name, text in given.items():
+        (tmp_path / f"{name}.csv").write_text(text)
+    return tmp_path
+
+
+def test_the_first_row_is_the_first_pose_and_ranges_go_to_the_nearest_pose(tmp_path):
+    found = formats.read(folder_of(tmp_path))
+    log = found.log
+    assert found.landmark_names == ["a", "b"]
+    assert log.x0_mean.tolist() == [1, 2, 0.5]
+    assert log.x0_sigmas.tolist() == [0.1, 0.1, 0.05]
+    assert log.odometry.tolist() == [[1, 0, 0.1], [1, 0.1, 0]]
+    np.testing.assert_allclose(log.odometry_covariances[0], np.diag([0.04, 0.09, 0.0001]))
+    assert log.pose_of.tolist() == [0, 1, 2]  # halfway goes to the earlier
+    assert log.ranges.tolist() == [2, 4, 3]
+    assert log.label_of.tolist() == [0, -1, 1]
+    assert log.row_of.tolist() == [1, 2, 0]
+    assert found.truth is None
+
+
+def test_landmarks_of_the_table_come_in_its_order_with_what_a_survey_says(tmp_path):
+    with pytest.warns(UserWarning, match=r"\[2\] have no range"):
+        found = formats.read(folder_of(tmp_path, landmarks=LANDMARKS))
+    assert found.landmark_names == ["b", "a", "c"]
+    assert found.log.landmark_sigmas[1] == 0.2
+    assert np.isnan(found.log.landmark_means[0]).all()
+
+
+def recording(seed=100):
+    """A log with all that tables can say, and its truth."""
+    drawn = simulate(Scenario(n_poses=8), 0.3, rng=np.random.default_rng(seed))
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(7, 3, 3)) * [0.05, 0.05, 0.01]
+    count = len(drawn.ranges)
+    chances = rng.dirichlet(np.ones(7), count)[:, :6]
+    log = Log(
+        odometry=drawn.odometry, odometry_covariances=root.swapaxes(1, 2) @ root,
+        pose_of=drawn.pose_of, ranges=drawn.ranges, range_sigmas=rng.uniform(0.1, 0.2, count),
+        label_of=np.where(rng.random(count) < 0.2, -1, drawn.label_of), n_landmarks=6,
+        x0_mean=drawn.x0_mean, x0_sigmas=[0.1, 0.2, 0.05], times=np.cumsum(rng.random(8)),
+        label_probabilities=chances, landmark_means=[[1, 2]] + [[np.nan, np.nan]] * 5,
+        landmark_sigmas=[0.3] + [np.nan] * 5, scale=(1.05, 0.1), offset=(0.1, np.inf),
+    )  # fmt: skip
+    truth = Truth(poses=drawn.poses, landmarks=drawn.landmarks, source_of=drawn.source_of)
+    return Recording(log, truth, [f"radio {k}" for k in range(6)])
+
+
+def test_all_that_tables_can_say_comes_back(tmp_path):
+    given = recording()
+    tables.write(tmp_path / "new", given)
+    found = formats.read(tmp_path / "new")
+    assert found.landmark_names == given.landmark_names
+    for name in vars(given.log):
+        np.testing.assert_allclose(
+            getattr(found.log, name), getattr(given.log, name), rtol=1e-12, err_msg=name
+        )
+    for name in ("poses", "landmarks", "source_of"):
+        np.testing.assert_array_equal(getattr(found.truth, name), getattr(given.truth, name))
+
+
+def test_a_log_without_truth_comes_back_without(tmp_path):
+    tables.write(tmp_path / "new", replace(recording(), truth=None))
+    assert formats.read(tmp_path / "new").truth is None
+
+
+BAD = [
+    ("odometry", "dx_m", "dx", "odometry.csv:1: no column dx_m"),
+    ("odometry", "sigma_theta_rad", "sigma_theta_rad,x", "odometry.csv:1: 'x' is no column"),
+    ("odometry", "dy_m", "dx_m,dy_m", "odometry.csv:1: column dx_m stands there twice"),
+    ("odometry", "11.0,1.0,0.0", "11.0,1.0", "odometry.csv:3: 6 cells"),
+    ("odometry", "11.0,1.0,0.0", "11.0,inf,0.0", "odometry.csv:3: 'inf' is not a finite"),
+    ("odometry", "0.2,0.3,0.01", "0.2,0,0.01", "odometry.csv:3: sigma_y_m is '0'"),
+    ("odometry", "\n12.0", "\n9.0", "odometry.csv:4: time must not go back"),
+    ("ranges", "3.0, 0.5", "-3.0, 0.5", "ranges.csv:2: range_m is '-3.0'"),
+    ("ranges", "11.6", "19.6", "ranges.csv:2: time_s is 19.6"),
+    ("ranges", "time_s, ", "", "ranges.csv:2: 4 cells: the header has 3"),
+    ("ranges", ", b", ", b; c", None),
+    ("landmarks", "c,,,", "c,1.0,,", "landmarks.csv:4: '' is not a finite number"),
+    ("landmarks", "c,,,", "a,,,", "landmarks.csv:3: landmark 'a'"),
+    ("landmarks", "a,4.0", "d,4.0", "ranges.csv:3: landmark 'a': landmarks.csv has none such"),
+]
+
+
+@pytest.mark.parametrize(("table", "old", "new", "why"), BAD)
+def test_tables_name_line_and_reason(tmp_path, table, old, new, why):
+    given = {"odometry": ODOMETRY, "ranges": RANGES}
+    if table == "landmarks":
+        given["landmarks"] = LANDMARKS
+    assert old in given[table]
+    given[table] = given[table].replace(old, new, 1)
+    if why is None:  # a name is what stands between commas
+        assert formats.read(folder_of(tmp_path, **given)).landmark_names == ["a", "b; c"]
+        return
+    with pytest.raises(ValueError, match=re.escape(why)) as error:
+        formats.read(folder_of(tmp_path, **given))
+    assert "\n" not in str(error.value)
+
+
+def test_correlations_must_be_those_of_a_covariance(tmp_path):
+    rows = ODOMETRY.splitlines()
+    text = [rows[0] + ",rho_xy", rows[1] + ",0", rows[2] + ",1.5", rows[3] + ",0.5"]
+    with pytest.raises(ValueError, match=r"odometry.csv:3: correlations"):
+        formats.read(folder_of(tmp_path, odometry="\n".join(text)))
+    text[2] = rows[2] + ",0.5"
+    log = formats.read(folder_of(tmp_path, odometry="\n".join(text))).log
+    np.testing.assert_allclose(log.odometry_covariances[0, 0, 1], 0.5 * 0.2 * 0.3)
+
+
+def test_a_trajectory_has_the_headings_as_quaternions(tmp_path):
+    poses = np.array([[1, 2, 0.0], [3, 4, np.pi / 2], [5, 6, -3.0]])
+    tum.write(tmp_path / "a.tum", np.array([0.5, 1.5, 2.5]), poses)
+    table = np.loadtxt(tmp_path / "a.tum")
+    assert table[:, :4].tolist() == [[0.5, 1, 2, 0], [1.5, 3, 4, 0], [2.5, 5, 6, 0]]
+    np.testing.assert_allclose(2 * np.arctan2(table[:, 6], table[:, 7]), poses[:, 2])
