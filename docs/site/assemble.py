@@ -146,7 +146,7 @@ def contents() -> str:
 
 
 def verdicts() -> str:
-    """Every claim as one row, under our reading and the two others, from ``paper/verdicts.json``."""
+    """Every claim of ``paper/verdicts.json`` as one row, under our reading and the two others."""
     presets = json.loads(paths.VERDICTS.read_text(encoding="utf-8"))
     reading = claims.read().reading
     others = [name for name in presets if name != reading]

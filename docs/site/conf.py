@@ -3,9 +3,9 @@
 import re
 from pathlib import Path
 
-HERE = Path(__file__).parent
-
 from sngr_utils import paths
+
+HERE = Path(__file__).parent
 
 project = "SNGR, reproduced"
 author = "The SNGR reproduction project"
