@@ -2,6 +2,7 @@
 
 import importlib
 import re
+import warnings
 from dataclasses import replace
 
 import gtsam
@@ -13,6 +14,7 @@ from sngr_utils.publish import claims, files, parameters
 from sngr_utils.sampling.targets import ambiguous_window, landmark
 from sngr_utils.slam import conventions
 from sngr_utils.world import simulation, variations
+from sngr_utils.world.log import Log, LogWarning
 from sngr_utils.world.scenario import Scenario
 
 SIGMAS = conventions.PRESETS["C"].x0_sigmas
@@ -72,16 +74,18 @@ def window(n_ranges=1, seed=100, range_sigma=0.1, **changes):
 
 
 def scans(label_of, pose_of=None, n_landmarks=3, ranges=None):
-    """A world of which the ranges, their poses and their labels count."""
+    """A log of which the ranges, their poses and their labels count."""
     labels = np.array(label_of)
     poses = np.zeros(len(labels), dtype=int) if pose_of is None else np.array(pose_of)
     measured = np.full(len(labels), 5.0) if ranges is None else np.array(ranges)
     n_poses = poses.max() + 1
-    return simulation.World(
-        np.full((n_poses, 3), np.nan), np.full((n_landmarks, 2), np.nan),
-        np.zeros((n_poses - 1, 3)), poses, labels, np.full(len(labels), -1), measured,
-        Scenario(range_sigma=SIGMA), np.zeros(3),
-    )  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LogWarning)
+        return Log(
+            odometry=np.zeros((n_poses - 1, 3)), odometry_covariances=np.eye(3), pose_of=poses,
+            ranges=measured, range_sigmas=SIGMA, label_of=labels, n_landmarks=n_landmarks,
+            x0_mean=np.zeros(3), x0_sigmas=SIGMAS,
+        )  # fmt: skip
 
 
 def dense_covariance(solution):

@@ -84,7 +84,8 @@ def _judged(
     """What there is to say about one run."""
     before = time.thread_time()
     rng = np.random.default_rng([seed, STREAM])
-    found = estimator.run(the_world, conventions, settings, rng=rng)
+    log = the_world.log(conventions.x0_sigmas)
+    found = estimator.run(log, conventions, settings, rng=rng)
     seconds = time.thread_time() - before
     truth = the_world.poses[:, :2]
     wrong = (found.used != DROPPED) & (found.used != the_world.source_of)
@@ -184,17 +185,20 @@ def film(
     frames = []
 
     def watch(belief: Belief) -> None:
-        t = belief.data.n_poses - 1
+        t = belief.n_poses - 1
         if t in at:
-            frames.append(_frame(belief, conventions, rng=np.random.default_rng([seed, FILM, t])))
+            drawn = np.random.default_rng([seed, FILM, t])
+            frames.append(_frame(the_world.first(t + 1), belief, conventions, rng=drawn))
 
     rng = np.random.default_rng([seed, STREAM])
-    estimator.run(the_world, conventions, Settings(), watch, rng=rng)
+    log = the_world.log(conventions.x0_sigmas)
+    estimator.run(log, conventions, Settings(), watch, rng=rng)
     return frames
 
 
-def _frame(belief: Belief, conventions: Conventions, *, rng: np.random.Generator) -> Frame:
-    data = belief.data
+def _frame(
+    data: simulation.World, belief: Belief, conventions: Conventions, *, rng: np.random.Generator
+) -> Frame:
     newest = data.pose_of == data.n_poses - 1
     clouds = {}
     for k in np.flatnonzero(np.isnan(belief.landmarks[:, 0])):
@@ -205,7 +209,7 @@ def _frame(belief: Belief, conventions: Conventions, *, rng: np.random.Generator
             clouds[int(k)] = cloud.samples[drawn]
     return Frame(
         data.poses[:, :2], belief.poses[:, :2], isam2.run_isam2(data, conventions).poses[:, :2],
-        belief.landmarks, clouds, data.label_of[newest], belief.credit.used[newest],
+        belief.landmarks, clouds, data.label_of[newest], belief.credit.used[belief.newest],
         data.source_of[newest], data.landmarks,
     )  # fmt: skip
 
@@ -247,6 +251,7 @@ def future_is_unknown(the_world: simulation.World, conventions: Conventions, see
     for ranges in (the_world.ranges, spoilt):
         changed = replace(the_world, ranges=ranges)
         rng = np.random.default_rng(seed)
-        found = estimator.run(changed, conventions, Settings(), rng=rng)
+        log = changed.log(conventions.x0_sigmas)
+        found = estimator.run(log, conventions, Settings(), rng=rng)
         pasts.append(found.filtered[: middle + 1])
     return bool(np.array_equal(*pasts))

@@ -1,31 +1,47 @@
-"""What the online estimator holds: the data so far, the graph, and what each range is credited to.
+"""What the online estimator holds: the newest poses, the map, and what each range is credited to.
 
-Nothing is decided here. `slips`, `landmarks` and `estimator` decide.
+Nothing is decided here. `slips`, `landmarks` and `estimator` decide. Poses that have left the
+window are kept as they were then, and speak through `window.Past` only.
 """
 
-import warnings
 from collections import Counter
-from dataclasses import replace
+from dataclasses import dataclass
 
-import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import L, X
 
-from sngr_utils.online import data_association, localisation
+from sngr_utils.detection import mirror_image
+from sngr_utils.online import data_association, localisation, window
 from sngr_utils.online.data_association import DROPPED, Credit
-from sngr_utils.online.smoother import Smoother
 from sngr_utils.robust import association
 from sngr_utils.robust.association import Shares
 from sngr_utils.sampling.targets import place
-from sngr_utils.slam import selected_inverse, solution
-from sngr_utils.slam.conventions import Conventions
-from sngr_utils.slam.factors import landmark_prior, odometry_factor, pose_prior, range_factor
+from sngr_utils.slam import (
+    chain_cost,
+    chain_problem,
+    chain_solver,
+    information,
+    selected_inverse,
+)
+from sngr_utils.slam.chain_problem import Chain
+from sngr_utils.slam.range_loss import LEAST_SQUARES
 from sngr_utils.world.dead_reckoning import dead_reckoning
-from sngr_utils.world.log import Log, LogWarning
-from sngr_utils.world.simulation import World
+from sngr_utils.world.log import Log
 
-P_PRIOR = (2.0, 8.0)  # wrong and right labels that count as seen before the first
-SLIP_SIGMA = 1.0  # m, of a step of the odometry that is no longer trusted
+PRIOR = Shares(wrong=0.2, clutter=0.05)  # before the first range
+WINDOW = 60  # poses that are estimated anew at every step, up to twice as many
+LOOSE = 10.0  # times the longest range: sigma that keeps a landmark from infinity
+ANCHOR = 1e6  # times its own information, which makes a pose as good as known
+TURNED = np.pi / 2  # rad, sigma of the heading after a step that is not trusted at all
+
+
+@dataclass(frozen=True)
+class Left:
+    """Poses that have left the window: log, covariances as told, estimate, and credits."""
+
+    log: Log
+    told: np.ndarray
+    poses: np.ndarray
+    used: np.ndarray
 
 
 class Belief:
@@ -33,168 +49,227 @@ class Belief:
 
     Attributes
     ----------
-    data : World, all that has been measured so far
-    poses : (T, 3) estimated, [m, m, rad]; the newest may be a prediction, see `predict`
-    landmarks : (K, 2) estimated, [m]; NaN for one that is not in the graph
-    credit : to what each of the M ranges is credited, and the posterior of its source
-    p : share of wrong labels, estimated
-    slipped : steps of the odometry that are not trusted
+    log : what was measured at the poses of the window, a covariance wide for a step that slipped
+    told : (S, 3, 3) covariances of its steps as they were measured
+    poses : (W, 3) estimated, [m, m, rad]; the newest may be a prediction, see `predict`
+    landmarks : (K, 2) estimated, [m]; NaN for one that is not in the map
+    in_doubt : (K,) bool, landmarks in the map of which the mirror image may be the true place
+    credit : to what each range of the window is credited, and the posterior of its source
+    shares : of wrong labels and of clutter, estimated
+    slipped : (S,) bool, steps of the odometry that are not trusted
+    left, past : poses before the window, and what they say of it
+    longest : range so far, [m]; 0 before there is one
     counts : what was done how often, see `estimator.OnlineEstimate`
     """
 
-    def __init__(self, data: World, conventions: Conventions) -> None:
-        self.data, self.conventions, self.smoother = data, conventions, Smoother()
-        self.poses = data.x0_mean[None].copy()
-        self.landmarks = np.full((data.n_landmarks, 2), np.nan)
-        self.credit = data_association.nowhere(len(data.ranges), data.n_landmarks)
-        self.p = P_PRIOR[0] / sum(P_PRIOR)
-        self.slipped: set[int] = set()
+    def __init__(self, first: Log) -> None:
+        self.log, self.told = first, first.odometry_covariances
+        self.poses, self.landmarks = first.x0_mean[None].copy(), first.landmark_means.copy()
+        self.in_doubt = np.zeros(first.n_landmarks, dtype=bool)
+        self.credit = data_association.nowhere(len(first.ranges), first.n_landmarks)
+        self.shares, self.slipped = PRIOR, np.zeros(0, dtype=bool)
+        self.left: list[Left] = []
+        self.past = window.nothing(first.n_landmarks)
+        self.longest = float(first.ranges.max(initial=0.0))
         self.counts: Counter = Counter()
-        prior = pose_prior(data.x0_mean, conventions.x0_sigmas)
-        self._update({("x0",): prior}, start=solution.values_of(self.poses, self.landmarks))
 
     @property
-    def log(self) -> Log:
-        """What has been measured so far, with the steps that are not trusted."""
-        with warnings.catch_warnings():  # a landmark without a range is nothing odd so early
-            warnings.simplefilter("ignore", LogWarning)
-            log = self.data.log(self.conventions.x0_sigmas)
-            covariances = log.odometry_covariances.copy()
-            covariances[list(self.slipped), :2, :2] = SLIP_SIGMA**2 * np.eye(2)
-            return replace(log, odometry_covariances=covariances)
+    def n_poses(self) -> int:
+        """All poses so far."""
+        return self.n_left + len(self.poses)
 
     @property
-    def shares(self) -> Shares:
-        """Of wrong labels; there is no clutter."""
-        return Shares(self.p, 0.0)
+    def n_left(self) -> int:
+        return sum(len(left.poses) for left in self.left)
+
+    @property
+    def newest(self) -> np.ndarray:
+        """The ranges of the newest pose."""
+        return np.arange(
+            np.searchsorted(self.log.pose_of, len(self.poses) - 1), len(self.log.ranges)
+        )
+
+    @property
+    def present(self) -> np.ndarray:
+        """(K,) bool, the landmarks that are in the map"""
+        return np.isfinite(self.landmarks[:, 0])
 
     # --- the newest pose --------------------------------------------------------------------
 
-    def predict(self, data: World) -> None:
-        """Take the data of one pose more; the pose is predicted and not yet in the graph."""
-        newest = dead_reckoning(self.poses[-1], data.odometry[-1:])[-1]
-        fresh = data_association.nowhere(len(data.ranges) - len(self.data.ranges), data.n_landmarks)
+    def predict(self, new: Log) -> None:
+        """Take one pose more, `new` being the log of it and of the one before.
+
+        The pose is predicted, and its ranges are credited to nothing yet.
+        """
+        if len(self.poses) >= 2 * WINDOW:
+            self.shorten()
+        fresh = data_association.nowhere(len(new.ranges), self.log.n_landmarks)
         self.credit = Credit(
             np.append(self.credit.used, fresh.used),
             np.vstack([self.credit.weights, fresh.weights]),
         )
-        self.data, self.poses = data, np.vstack([self.poses, newest])
+        newest = dead_reckoning(self.poses[-1], new.odometry)[-1]
+        self.log, self.poses = self.log.joined(new), np.vstack([self.poses, newest])
+        self.told = np.concatenate([self.told, new.odometry_covariances])
+        self.slipped = np.append(self.slipped, False)
+        self.longest = max(self.longest, float(new.ranges.max(initial=0.0)))
 
-    def confirm(self) -> None:
-        """Put the predicted pose into the graph, with those of its ranges that are credited."""
-        t = self.data.n_poses - 1
-        credited = np.flatnonzero((self.data.pose_of == t) & (self.credit.used != DROPPED))
-        start = gtsam.Values()
-        start.insert(X(t), gtsam.Pose2(*self.poses[-1]))
-        self._update({("odometry", t - 1): self.step(t - 1), **self._ranges(credited)}, start=start)
-
-    def move_newest(self, position: np.ndarray, used: np.ndarray) -> None:
-        """The predicted pose elsewhere, [m], and its ranges credited."""
-        self.poses[-1, :2] = position
+    def move_newest(self, position: np.ndarray, since: int, used: np.ndarray) -> None:
+        """The predicted pose elsewhere, [m], with those from pose `since` on; ranges credited."""
+        self.poses[since:, :2] += position - self.poses[-1, :2]
         self.credit = Credit(used, self.credit.weights)
 
-    def step(self, t: int) -> gtsam.BetweenFactorPose2:
-        """The odometry factor from pose t to t + 1, wide if it is not trusted."""
-        scenario = self.data.scenario
-        if t in self.slipped:
-            scenario = scenario.model_copy(update={"odometry_sigma_xy": SLIP_SIGMA})
-        return odometry_factor(t, self.data.odometry[t], scenario)
+    def distrust(self, steps: np.ndarray, turned: bool) -> None:
+        """Let steps of the odometry err by as much as the longest range, perhaps in heading too."""
+        wide = self.log.odometry_covariances.copy()
+        for t in np.atleast_1d(steps):
+            wide[t] = np.diag(np.full(3, self.longest**2))
+            wide[t, 2, 2] = TURNED**2 if turned else self.told[t, 2, 2]
+        self.slipped[steps] = True
+        self.log = self.log.with_covariances(wide)
 
-    def distrust(self, steps: list[int]) -> None:
-        """Widen steps of the odometry that are in the graph."""
-        self.slipped |= set(steps)
-        self._update({("odometry", t): self.step(t) for t in steps})
+    def trust(self, steps: np.ndarray) -> None:
+        """Take steps of the odometry at their word again."""
+        told = self.log.odometry_covariances.copy()
+        told[steps], self.slipped[steps] = self.told[steps], False
+        self.log = self.log.with_covariances(told)
 
     # --- ranges and landmarks ---------------------------------------------------------------
 
     def use(self, used: np.ndarray) -> bool:
-        """Remove and add range factors until ranges are credited so; has anything changed?"""
-        changed = np.flatnonzero(used != self.credit.used)
-        removed = [("range", m) for m in changed if self.credit.used[m] != DROPPED]
+        """Credit ranges so, and estimate anew if that has changed anything; has it?"""
+        changed = not np.array_equal(used, self.credit.used)
         self.credit = Credit(used, self.credit.weights)
-        if len(changed):
-            self._update(self._ranges(changed[used[changed] != DROPPED]), removed)
-        return len(changed) > 0
+        if changed:
+            self.solve()
+        return changed
 
     def insert(self, k: int, position: np.ndarray, used: np.ndarray) -> None:
         """Start landmark k, with the ranges that `used` credits to it."""
+        self.landmarks[k] = position
         self.credit = Credit(used, self.credit.weights)
-        sigma, start = self.conventions.landmark_prior_sigma, gtsam.Values()
-        start.insert(L(k), position)
-        prior = landmark_prior(k, position, sigma)
-        ranges = self._ranges(np.flatnonzero(used == k))
-        self._update({("landmark", k): prior, **ranges}, start=start)
+        self.solve()
 
     def remove(self, k: int) -> None:
         """Take out landmark k with its ranges."""
-        mine = np.flatnonzero(self.credit.used == k)
-        self.credit = Credit(
-            np.where(self.credit.used == k, DROPPED, self.credit.used), self.credit.weights
+        self.landmarks[k], self.in_doubt[k] = np.nan, False
+        self.past = window.without(self.past, k)
+        self.use(np.where(self.credit.used == k, DROPPED, self.credit.used))
+
+    def solve(self) -> None:
+        """Estimate the window anew, ranges taken as they are credited."""
+        chain = self._chain(self.log, self.poses, self.landmarks, self.credit.used, self.n_left)
+        at = chain_solver.state_of(chain, self.poses, self.landmarks)
+        at, _ = window.minimise(chain, self.past, at)
+        self.poses, self.landmarks = information.poses_of(at.frames), at.landmarks
+
+    def mirrored(self, k: int) -> tuple[float, np.ndarray, np.ndarray]:
+        """How much worse the mirror image of landmark k is, all else moved along, [nats].
+
+        Returns
+        -------
+        gap : negative if the image is the better place, infinite if there is none
+        poses, landmarks : (W, 3) and (K, 2), with the image
+        """
+        mine = self.credit.used == k
+        anchors = self.poses[self.log.pose_of[mine], :2]
+        if len(anchors) < 2:
+            return 0.0, self.poses, self.landmarks
+        found = mirror_image.mirror_test(
+            anchors, self.log.ranges[mine], self.log.range_sigmas[mine] ** 2, self.landmarks[k]
         )
-        self._update({}, [("landmark", k), *(("range", m) for m in mine)])
+        here = self.landmarks[k]
+        far = max((found.image, found.landmark), key=lambda place: np.linalg.norm(place - here))
+        ends = []
+        for spot in (here, far):
+            landmarks = self.landmarks.copy()
+            landmarks[k] = spot
+            chain = self._chain(self.log, self.poses, landmarks, self.credit.used, self.n_left)
+            at = chain_solver.state_of(chain, self.poses, landmarks)
+            ends.append(window.minimise(chain, self.past, at))
+        here, there = ends
+        same = np.linalg.norm(here[0].landmarks[k] - there[0].landmarks[k])
+        gap = there[1] - here[1] if same > self.log.range_sigmas[mine].min() else np.inf
+        return gap, information.poses_of(there[0].frames), there[0].landmarks
 
-    def rebuild(self, poses: np.ndarray, landmarks: np.ndarray, used: np.ndarray) -> None:
-        """The graph of another estimate and other associations, landmark priors centred on it."""
-        kept = {**self.smoother.named("x0"), **self.smoother.named("odometry")}
-        sigma = self.conventions.landmark_prior_sigma
-        for k in np.flatnonzero(np.isfinite(landmarks[:, 0])):
-            kept["landmark", k] = landmark_prior(k, landmarks[k], sigma)
-        self.smoother, self.credit = Smoother(), Credit(used, self.credit.weights)
-        ranges = self._ranges(np.flatnonzero(used != DROPPED))
-        self._update({**kept, **ranges}, start=solution.values_of(poses, landmarks))
+    def _chain(self, log: Log, poses, landmarks, used: np.ndarray, start: int) -> Chain:
+        """The problem of a part of the log that begins at pose `start`."""
+        chain = chain_problem.of_log(log, landmarks, LOOSE * max(self.longest, 1e-300))
+        kept = used != DROPPED
+        chain = chain._replace(
+            pose_of=chain.pose_of[kept], landmark_of=used[kept], ranges=chain.ranges[kept],
+            sigmas=chain.sigmas[kept], weights=chain.weights[kept],
+        )  # fmt: skip
+        if start > 0:  # the past says it
+            return chain._replace(prior_information=np.zeros((3, 3)))
+        return chain
 
-    def _ranges(self, which: np.ndarray) -> dict:
-        data, sigma = self.data, self.data.scenario.range_sigma
-        return {
-            ("range", m): range_factor(
-                int(data.pose_of[m]), int(self.credit.used[m]), data.ranges[m], sigma
-            )
-            for m in which
-        }
+    # --- the window -------------------------------------------------------------------------
 
-    def _update(self, added: dict, removed: list | None = None, start=None) -> None:
-        self.smoother.update(added, removed, start)
-        self.refresh()
+    def shorten(self) -> None:
+        """Let the older half of the window go."""
+        self._leave(len(self.poses) - WINDOW)
 
-    def refresh(self) -> None:
-        """Read the estimate from the smoother."""
-        self.poses = solution.poses_of(self.smoother.values, self.data.n_poses)
-        self.landmarks = solution.landmarks_of(self.smoother.values, self.data.n_landmarks)
+    def _leave(self, n: int) -> None:
+        """Sum up the first n poses of the window, and keep them as they are."""
+        early = self.log.pose_of < n
+        first = self.log.keep(early).first(n + 1)
+        used, poses = self.credit.used[early], self.poses[: n + 1]
+        chain = self._chain(first, poses, self.landmarks, used, self.n_left)
+        chain = chain._replace(landmark_information=np.zeros(len(self.landmarks)))
+        at = chain_solver.state_of(chain, poses, self.landmarks)
+        self.past = window.marginalise(chain, self.past, at)
+        self.left.append(Left(first, self.told[:n], poses[:-1], used))
+        self.log, self.poses = self.log.after(n), self.poses[n:]
+        self.credit = Credit(self.credit.used[~early], self.credit.weights[~early])
+        self.told, self.slipped = self.told[n:], self.slipped[n:]
+
+    def whole(self) -> tuple[Log, np.ndarray, np.ndarray, np.ndarray]:
+        """The log of all poses, covariances of its steps as told, (T, 3) poses, (M,) credits."""
+        parts = [*self.left, Left(self.log, self.told, self.poses, self.credit.used)]
+        log = parts[0].log
+        for part in parts[1:]:
+            log = log.joined(part.log)
+        return log, *(
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("told", "poses", "used")
+        )
+
+    def adopt(self, log: Log, told: np.ndarray, poses, landmarks, used: np.ndarray) -> None:
+        """Another estimate of the whole, as `whole` gives it, in one window; and its credits."""
+        self.log, self.told = log, told
+        self.slipped = (log.odometry_covariances != told).any(axis=(1, 2))
+        self.left, self.past = [], window.nothing(log.n_landmarks)
+        self.poses, self.landmarks = poses, landmarks.copy()
+        weights = np.eye(log.n_landmarks + 1)[used]
+        self.credit = Credit(used, weights)
+        self.solve()
 
     # --- uncertainty ------------------------------------------------------------------------
 
-    def covariance(self) -> selected_inverse.ChainCovariance:
-        """Covariance blocks at the estimate, also of a pose that is only predicted."""
-        data, s, used = self.data, self.data.scenario, self.credit.used
-        sigmas = np.tile(s.odometry_sigmas, (len(data.odometry), 1))
-        sigmas[list(self.slipped), :2] = SLIP_SIGMA
-        kept = used != DROPPED
-        return selected_inverse.selected_inverse(
-            self.poses, self.landmarks, data.odometry, data.pose_of[kept], used[kept],
-            x0_mean=data.x0_mean, x0_sigmas=self.conventions.x0_sigmas, odometry_sigmas=sigmas,
-            landmark_prior_sigma=self.conventions.landmark_prior_sigma,
-            range_sigma=s.range_sigma,
-        )  # fmt: skip
+    def covariance(self, anchored: bool = False) -> selected_inverse.ChainCovariance:
+        """Covariance blocks of the window at the estimate, also of a pose that is predicted.
+
+        Parameters
+        ----------
+        anchored : given the first pose, so that what all places err by in common is left out
+        """
+        chain = self._chain(self.log, self.poses, self.landmarks, self.credit.used, self.n_left)
+        at = chain_solver.state_of(chain, self.poses, self.landmarks)
+        window.cost(chain, self.past, at)
+        system = window.linearise(chain, self.past, at)
+        if anchored:
+            system.own[0] += ANCHOR * np.diag(np.diag(system.own[0]))
+        joint = selected_inverse.eliminate_poses(system, len(self.landmarks))
+        return selected_inverse.conclude(system, joint, self.landmarks)
 
     def innovations(
         self, covariance: selected_inverse.ChainCovariance
     ) -> data_association.Innovations:
-        """Innovations of all ranges at the estimate that has `covariance`."""
+        """Innovations of all ranges of the window at the estimate that has `covariance`."""
         return data_association.innovations(
-            self.data, self.poses, self.landmarks, self.credit.used, covariance
+            self.log, self.poses, self.landmarks, self.credit.used, covariance
         )
-
-    def cost(self, poses: np.ndarray, landmarks: np.ndarray) -> float:
-        """Minus the log posterior of an estimate, associations summed out, [nats].
-
-        Without the weak priors on landmarks, which sit where each estimate started.
-        """
-        residuals = association.residuals(self.log, poses, landmarks)
-        variances = np.full(residuals.shape, self.data.scenario.range_sigma**2)
-        joint = association.log_joint(self.log, residuals, variances, self.shares)
-        fit = np.logaddexp.reduce(joint, axis=1)
-        sure = self.smoother.factors("x0", "odometry")
-        return sure.error(solution.values_of(poses, landmarks)) - float(fit.sum())
 
     def credit_fitting(
         self, m: np.ndarray, k: np.ndarray, mode: localisation.Mode, evidence: place.Evidence
@@ -209,8 +284,29 @@ class Belief:
         units /= np.linalg.norm(units, axis=1)[:, None]
         spread = np.sum(units @ mode.covariance * units, axis=1)
         fit = localisation.fitting(evidence, mode.mean, evidence.variances + spread)
-        pairs = np.column_stack([self.data.pose_of[m], k])
+        pairs = np.column_stack([self.log.pose_of[m], k])
         _, first = np.unique(pairs[fit], axis=0, return_index=True)  # a landmark once in a scan
         used = self.credit.used.copy()
         used[m[fit][first]] = k[fit][first]
         return used
+
+
+def cost(log: Log, poses: np.ndarray, landmarks: np.ndarray, shares: Shares) -> float:
+    """Minus the log evidence of an estimate, associations summed out, roughly, [nats].
+
+    Without the weak priors on landmarks, which sit where each estimate started. A landmark costs
+    what it can choose: its place, as finely as its ranges hold it, in a scene as wide as the
+    longest of them. Source: Schwarz, Annals of Statistics 6, 1978.
+    """
+    chain = chain_problem.of_log(log.keep(np.zeros(len(log.ranges), dtype=bool)), landmarks, np.inf)
+    at = chain_solver.state_of(chain, poses, landmarks)
+    total = chain_cost.cost(chain, LEAST_SQUARES, at)
+    if len(log.ranges) == 0:
+        return total
+    residuals = association.residuals(log, poses, landmarks)
+    variances = np.broadcast_to(log.range_sigmas[:, None] ** 2, residuals.shape)
+    joint = association.log_joint(log, residuals, variances, shares)
+    fit = np.logaddexp.reduce(joint, axis=1)
+    information = np.exp(joint[:, :-1] - fit[:, None]).T @ log.range_sigmas**-2
+    choices = np.log(np.maximum(information / 2 * log.ranges.max() ** 2 / (2 * np.pi), 1.0))
+    return total - float(fit.sum()) + float(choices.sum())

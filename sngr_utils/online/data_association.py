@@ -13,12 +13,11 @@ from scipy import stats
 from sngr_utils.robust import association, mutual_exclusion
 from sngr_utils.slam import selected_inverse
 from sngr_utils.slam.factors import range_derivatives
-from sngr_utils.world.log import Log
-from sngr_utils.world.simulation import World
+from sngr_utils.world.log import NO_LABEL, Log
 
 GATE = stats.chi2.ppf(0.99, 1)  # squared normalised innovation that puts a range in question
 IMPOSSIBLE = stats.chi2.ppf(1 - 1e-6, 1)  # and one that no right range has
-VAGUE = 0.5  # m, sigma of a prediction above which it cannot tell landmarks apart
+VAGUE = 5.0  # range sigmas, of a prediction above which it cannot tell landmarks apart
 RESOLVED = 0.6  # posterior above which a range is credited to a landmark
 DROPPED = -1  # the label of a range that is credited to none
 
@@ -49,7 +48,7 @@ class Credit:
     Attributes
     ----------
     used : (M,) int, landmark each range is credited to, or `DROPPED`
-    weights : (M, K+1) posterior of its source, the last column "a landmark not in the map"
+    weights : (M, K+1) posterior of its source, the last column that of none in the map
     """
 
     used: np.ndarray
@@ -63,7 +62,7 @@ def nowhere(n_ranges: int, n_landmarks: int) -> Credit:
 
 
 def innovations(
-    data: World, poses: np.ndarray, landmarks: np.ndarray, used: np.ndarray,
+    log: Log, poses: np.ndarray, landmarks: np.ndarray, used: np.ndarray,
     covariance: selected_inverse.ChainCovariance,
 ) -> Innovations:  # fmt: skip
     """Innovations of all ranges, those that are in the graph predicted without themselves.
@@ -85,18 +84,19 @@ def innovations(
         + 2 * np.einsum("tki,tikj,tkj->tk", by_pose, cross, ahead)
         + np.einsum("tki,kij,tkj->tk", ahead, own, ahead)
     )
-    noise = data.scenario.range_sigma**2
-    residuals = data.ranges[:, None] - distances[data.pose_of]
-    spread = spread[data.pose_of]
+    noise = log.range_sigmas**2
+    residuals = log.ranges[:, None] - distances[log.pose_of]
+    spread = spread[log.pose_of]
     inside = np.flatnonzero(used != DROPPED), used[used != DROPPED]
-    without = noise / np.maximum(noise - spread[inside], 1e-3 * noise)
+    own_noise = noise[inside[0]]
+    without = own_noise / np.maximum(own_noise - spread[inside], 1e-3 * own_noise)
     residuals[inside] *= without
     spread[inside] *= without
-    return Innovations(residuals, spread + noise)
+    return Innovations(residuals, spread + noise[:, None])
 
 
 def decide(
-    data: Log, found: Innovations, used: np.ndarray, shares: association.Shares,
+    log: Log, found: Innovations, used: np.ndarray, shares: association.Shares,
     exclusive: bool, swap: bool,
 ) -> Credit:  # fmt: skip
     """Credit every range anew: label kept, swapped for a likelier one, or dropped.
@@ -111,21 +111,20 @@ def decide(
     exclusive : the ranges of a scan come from different landmarks
     swap : a range may go to another landmark than that of its label
     """
-    squared, n_landmarks = found.squared, data.n_landmarks
-    rows = np.arange(len(data.ranges))
-    sharp = found.variances < VAGUE**2
+    squared, n_landmarks, label_of = found.squared, log.n_landmarks, log.label_of
+    rows = np.arange(len(log.ranges))
+    sharp = found.variances < (VAGUE * log.range_sigmas[:, None]) ** 2
     with np.errstate(invalid="ignore"):
-        sure = (squared < GATE)[rows, data.label_of] & sharp[rows, data.label_of]
-    doubtful = ~sure | (used != data.label_of)
-    used = np.where(sure, data.label_of, DROPPED)
-    weights = np.zeros((len(rows), n_landmarks + 1))
-    weights[rows, data.label_of] = 1.0
-    asked = np.flatnonzero(np.isin(data.pose_of, data.pose_of[doubtful]))
+        sure = (label_of != NO_LABEL) & ((squared < GATE) & sharp)[rows, label_of]
+    doubtful = ~sure | (used != label_of) | (_repeated(log, sure) if exclusive else False)
+    used = np.where(sure, label_of, DROPPED)
+    weights = np.eye(n_landmarks + 1)[label_of]
+    asked = np.flatnonzero(np.isin(log.pose_of, log.pose_of[doubtful]))
     if len(asked) == 0:
         return Credit(used, weights)
-    logs = association.log_joint(data, found.residuals, found.variances, shares)[asked]
+    logs = association.log_joint(log, found.residuals, found.variances, shares)[asked]
     weights[asked] = (
-        mutual_exclusion.exclusive_posterior(logs, data.pose_of[asked])
+        mutual_exclusion.exclusive_posterior(logs, log.pose_of[asked])
         if exclusive
         else association.posterior(logs)
     )
@@ -135,6 +134,15 @@ def decide(
     good = known & (weights[asked, best] > RESOLVED) & sharp[asked, place]
     good &= squared[asked, place] < IMPOSSIBLE
     if not swap:
-        good &= best == data.label_of[asked]
+        good &= best == label_of[asked]
     used[asked] = np.where(good, best, DROPPED)
     return Credit(used, weights)
+
+
+def _repeated(log: Log, marked: np.ndarray) -> np.ndarray:
+    """(M,) bool, the marked ranges that are not alone in their scan with their label."""
+    pair = log.pose_of * log.n_landmarks + log.label_of
+    _, which, count = np.unique(
+        np.where(marked, pair, -1 - np.arange(len(pair))), return_inverse=True, return_counts=True
+    )
+    return count[which] > 1

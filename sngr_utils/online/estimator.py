@@ -7,27 +7,36 @@ where the robot is when its scan contradicts the odometry. Many starts answer, a
 is the referee.
 """
 
+import warnings
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from sngr_utils.online import data_association, slips
-from sngr_utils.online.belief import P_PRIOR, Belief
+from sngr_utils.online import data_association, diagnosis, slips
+from sngr_utils.online.belief import LOOSE, PRIOR, WINDOW, Belief, cost
 from sngr_utils.online.data_association import DROPPED
-from sngr_utils.online.landmarks import drop_landmarks, start_landmarks
+from sngr_utils.online.diagnosis import Diagnosis, DoubtWarning
+from sngr_utils.online.landmarks import (
+    POSES_NEEDED,
+    drop_landmarks,
+    start_landmarks,
+    turn_over,
+)
 from sngr_utils.robust import association, em, louis_covariance
+from sngr_utils.robust.association import Shares
 from sngr_utils.settings import Checked, Probability
 from sngr_utils.slam import chain_problem, chain_solver, landmark_starts
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.world.dead_reckoning import dead_reckoning
-from sngr_utils.world.simulation import World
+from sngr_utils.world.log import Log, Measurements
 
 SWEEPS = 3  # over all ranges, at most, per step
-SETTLING = 3  # updates without new factors at the very end
 PATIENCE = 5  # poses between two looks at all ranges
 MOST_LOST = 0.1  # share of all ranges that may be credited to none
+MORE = 1.25  # times as many poses as at the last look at all data, beyond the window
+P_PRIOR = (2.0, 8.0)  # wrong and right labels that count as seen before the first
 BETTER = 1.0  # nats that an estimate of EM must gain to be adopted
 
 
@@ -66,174 +75,280 @@ class OnlineEstimate:
     ----------
     poses : (T, 3), [m, m, rad]
     landmarks : (K, 2), [m]; NaN for one that is not started
-    graph_poses : (T, 3) those of iSAM2's graph, which takes the credits for certain
+    landmark_covariances : (K, 2, 2), [m^2]
+    in_doubt : (K,) bool, landmarks whose place is open, or whose mirror image is as likely
+    graph_poses : (T, 3) those that take the credits for certain
     used : (M,) int, landmark each range is credited to, -1 for none
     position_covariances : (T, 2, 2) in the world frame, [m^2]
-    p : share of wrong labels, estimated
+    p, clutter : shares of wrong labels and of ranges from no landmark, estimated
     filtered : (T, 3) each pose as estimated when it was the newest, [m, m, rad]
     counts : how often: "landmark questions" and "position questions" (put to many starts, by
         reason), "landmark samples" and "position samples" (referred to nested sampling), "mirror
         waits" (landmarks left to wait by the mirror test, without a run),
         "landmark restarts", "batch trials" and "batch restarts" (EM tried and adopted), "slips",
         and of all ranges at the end "swapped" and "dropped"
+    diagnosis : what there is to doubt, see `diagnosis.Diagnosis`
     """
 
     poses: np.ndarray
     landmarks: np.ndarray
+    landmark_covariances: np.ndarray
+    in_doubt: np.ndarray
     graph_poses: np.ndarray
     used: np.ndarray
     position_covariances: np.ndarray
     p: float
+    clutter: float
     filtered: np.ndarray
     counts: Counter
+    diagnosis: Diagnosis
 
 
 def run(
-    world: World,
+    log: Log,
     conventions: Conventions,
     settings: Settings,
     watch: Callable[[Belief], None] | None = None,
     *,
     rng: np.random.Generator,
 ) -> OnlineEstimate:
-    """Feed a world to the estimator pose by pose.
+    """Feed a log to the estimator pose by pose.
 
     Parameters
     ----------
     watch : called with the belief after every step, e.g. to draw it
     """
-    online = Online(world.first(1), conventions, settings, rng=rng)
-    filtered = [online.belief.poses[-1]]
-    for t in range(1, world.n_poses):
-        online.step(world.first(t + 1))
-        filtered.append(online.belief.poses[-1])
+    online = Online(log.first(1), conventions, settings, rng=rng)
+    for t in range(1, log.n_poses):
+        online.step(log.measurements(t))
         if watch:
             watch(online.belief)
-    return online.result(np.array(filtered))
+    return online.result()
 
 
 class Online:
-    """The estimator: a belief, and the decisions of one step."""
+    """The estimator: a belief, and the decisions of one step.
+
+    Parameters
+    ----------
+    first : log of the first pose alone
+    """
 
     def __init__(
         self,
-        data: World,
+        first: Log,
         conventions: Conventions,
         settings: Settings,
         *,
         rng: np.random.Generator,
     ) -> None:
-        self.settings, self.rng = settings, rng
-        self.belief = Belief(data, conventions)
+        if first.scale != (1.0, 0.0) or first.offset != (0.0, 0.0):
+            raise ValueError("scale and offset must be 1 and 0: correct the ranges before")
+        self.conventions, self.settings, self.rng = conventions, settings, rng
+        self.belief = Belief(first)
+        self.filtered = [self.belief.poses[-1]]
+        self.last_batch, self.held_out = 0, []
         if settings.p is not None:
-            self.belief.p = settings.p
+            self.belief.shares = PRIOR._replace(wrong=settings.p)
 
-    def step(self, data: World) -> None:
-        """One pose more; `data` is all that was measured up to it."""
+    def step(self, measurements: Measurements) -> None:
+        """One pose more, and what was measured at it.
+
+        Raises
+        ------
+        ValueError : naming field and row, see `Log`
+        """
         belief, settings = self.belief, self.settings
-        belief.predict(data)
+        belief.predict(belief.log.following(measurements))
+        turn_over(belief)
         if settings.doubt_odometry:
             slips.find_robot(belief, settings.nested, rng=self.rng)
-        belief.confirm()
-        self._credit(newest_only=not settings.sweep)
+        belief.solve()
+        predicted = self._credit(newest_only=not settings.sweep)
         start_landmarks(belief, settings.nested, settings.delayed, rng=self.rng)
         if settings.sweep:
             for _ in range(SWEEPS):
-                if not self._credit():
+                before = belief.credit.used
+                self._credit()
+                if np.array_equal(before, belief.credit.used):
                     break
         if settings.doubt_odometry:
             slips.doubt_steps(belief)
         drop_landmarks(belief)
         if settings.restart and self._in_trouble():
             self._restart()
+        self.filtered.append(belief.poses[-1])
+        if predicted is not None and len(belief.newest):
+            used = belief.credit.used[belief.newest]
+            squared = predicted.squared[-len(used) :][np.arange(len(used)), used]
+            self.held_out.append(squared[(used != DROPPED) & np.isfinite(squared)])
 
-    def _credit(self, newest_only: bool = False) -> bool:
-        """Credit the ranges anew; has anything changed?"""
+    def _credit(self, newest_only: bool = False) -> data_association.Innovations | None:
+        """Credit the ranges anew; returns their innovations, as they were before."""
         belief, settings = self.belief, self.settings
-        if np.isnan(belief.landmarks).all():
-            return False
+        if not belief.present.any() or len(belief.log.ranges) == 0:
+            return None
         found = belief.innovations(belief.covariance())
         credit = data_association.decide(
-            belief.log, found, belief.credit.used, belief.shares, settings.exclusive,
-            settings.swap,
-        )  # fmt: skip
-        if settings.p is None:
-            judged = np.isfinite(belief.landmarks[belief.data.label_of, 0])
-            belief.p = association.estimate_shares(
-                belief.log.keep(judged), credit.weights[judged], belief.landmarks, belief.shares,
-                P_PRIOR,
-            ).wrong  # fmt: skip
+            belief.log, found, belief.credit.used, belief.shares, settings.exclusive, settings.swap
+        )
+        belief.shares = self._shares(credit.weights)
         used = credit.used
         if newest_only:
-            newest = belief.data.pose_of == belief.data.n_poses - 1
-            used = np.where(newest, used, belief.credit.used)
+            used = belief.credit.used.copy()
+            used[belief.newest] = credit.used[belief.newest]
         belief.credit = data_association.Credit(belief.credit.used, credit.weights)
-        return belief.use(used)
+        belief.use(used)
+        return found
+
+    def _shares(self, weights: np.ndarray) -> Shares:
+        """Shares of wrong labels and of clutter, from ranges labelled with what is in the map."""
+        belief = self.belief
+        judged = (belief.log.label_of >= 0) & belief.present[belief.log.label_of]
+        shares = association.estimate_shares(
+            belief.log.keep(judged), weights[judged], belief.landmarks, belief.shares, P_PRIOR
+        )
+        return shares if self.settings.p is None else shares._replace(wrong=self.settings.p)
 
     def _in_trouble(self) -> bool:
         """Has the newest step slipped, its scan lost half of its ranges, or all of them too many?
 
         The last is asked every `PATIENCE` poses only, for EM costs as much as the rest of a step.
         """
-        belief, t = self.belief, self.belief.data.n_poses - 1
+        belief, t = self.belief, self.belief.n_poses - 1
+        if t > 2 * WINDOW and t < MORE * self.last_batch:
+            return False
         lost = belief.credit.used == DROPPED
-        known = np.isfinite(belief.landmarks).all()
-        newest_lost = known and np.mean(lost[belief.data.pose_of == t]) >= 0.5
-        too_many = t % PATIENCE == 0 and t > PATIENCE and np.mean(lost) > MOST_LOST
-        return t - 1 in belief.slipped or newest_lost or too_many
+        scan = lost[belief.newest]
+        newest_lost = belief.present.all() and len(scan) > 0 and np.mean(scan) >= 0.5
+        expected = MOST_LOST + belief.shares.clutter
+        too_many = t % PATIENCE == 0 and t > PATIENCE and len(lost) and np.mean(lost) > expected
+        return bool(belief.slipped[-1] or newest_lost or too_many)
 
     def _restart(self) -> None:
         """EM over all data so far, from where we are and from nothing; the best one is kept.
 
         Source: `em.fit`.
         """
-        belief, settings, data = self.belief, self.settings, self.belief.data
+        belief = self.belief
         belief.counts["batch trials"] += 1
-        blind = dead_reckoning(data.x0_mean, data.odometry)
-        starts = [(belief.poses, belief.landmarks)] if np.isfinite(belief.landmarks).all() else []
-        starts.append((blind, landmark_starts.start_landmarks(belief.log, blind, "grid")))
-        found, least = None, belief.cost(belief.poses, belief.landmarks) - BETTER
-        for start in starts:
-            fit = em.fit(
-                belief.log, belief.conventions, start, exclusive=settings.exclusive, clutter=False
-            )
-            cost = belief.cost(fit.poses, fit.landmarks)
-            if cost < least:
-                found, least = fit, cost
-        if found is None:
+        self.last_batch = belief.n_poses
+        log, told, poses, _ = belief.whole()
+        least = cost(log, poses, belief.landmarks, belief.shares) - BETTER
+        found = self._rival(log, poses)
+        if cost(log, found.poses, found.landmarks, found.shares) >= least:
             return
         belief.counts["batch restarts"] += 1
-        best = np.argmax(found.responsibilities, axis=1)
-        good = found.responsibilities.max(axis=1) > data_association.RESOLVED
-        if not settings.swap:
-            good &= best == data.label_of
-        belief.rebuild(found.poses, found.landmarks, np.where(good, best, DROPPED))
+        self._adopt(log, told, found)
+        if belief.n_poses > 2 * WINDOW:
+            belief.shorten()
 
-    def result(self, filtered: np.ndarray) -> OnlineEstimate:
-        """The estimate, with the covariance of its positions."""
+    def _fit(self, log: Log, start: tuple[np.ndarray, np.ndarray], widest: float):
+        """EM over a log. Weak priors are wider than the scene: they are no data."""
+        wide = max(self.conventions.landmark_prior_sigma, LOOSE * self.belief.longest)
+        loose = self.conventions.model_copy(update={"landmark_prior_sigma": wide})
+        exclusive = self.settings.exclusive
+        return em.fit(log, loose, start, exclusive=exclusive, clutter=True, widest=widest)
+
+    def _rival(self, log: Log, poses: np.ndarray) -> em.SoftEstimate:
+        """The best estimate by EM from dead reckoning, or from where we are, and a grid."""
+        blind = dead_reckoning(log.x0_mean, log.odometry)
+        fits = []
+        for start, known in ((blind, np.nan), (poses, self.belief.landmarks)):
+            places = landmark_starts.start_landmarks(log, start, "grid")
+            places = np.where(np.isnan(known), places, known)
+            fits.append(self._fit(log, (start, places), em.WIDEST))
+        return min(fits, key=lambda fit: cost(log, fit.poses, fit.landmarks, fit.shares))
+
+    def _adopt(self, log: Log, told: np.ndarray, found: em.SoftEstimate) -> None:
+        """Believe an estimate of the whole; a landmark that it places from few poses waits."""
+        best = np.argmax(found.weights, axis=1)
+        good = (best < log.n_landmarks) & (found.weights.max(axis=1) > data_association.RESOLVED)
+        if not self.settings.swap:
+            good &= best == log.label_of
+        used, places = np.where(good, best, DROPPED), found.landmarks.copy()
+        for k in range(log.n_landmarks):
+            if len(np.unique(log.pose_of[used == k])) < POSES_NEEDED and np.isnan(
+                log.landmark_sigmas[k]
+            ):
+                places[k], used[used == k] = np.nan, DROPPED
+        self.belief.adopt(log, told, found.poses, places, used)
+        self.belief.in_doubt[:] = True  # until the mirror images have been tried
+        turn_over(self.belief)
+
+    def result(self) -> OnlineEstimate:
+        """The estimate, with its uncertainty, and what there is to doubt."""
         belief = self.belief
-        belief.smoother.settle(SETTLING)
-        belief.refresh()
-        data, used = belief.data, belief.credit.used
-        start = belief.poses, belief.landmarks
+        log, told, poses, used = belief.whole()
+        graph_poses = poses
+        ours = self._fit(log, (poses, belief.landmarks), 1.0)
+        rival, gap = self._rival(log, poses), np.inf
+        costs = [cost(log, fit.poses, fit.landmarks, fit.shares) for fit in (ours, rival)]
+        if _differ(log, ours, rival):
+            gap = costs[1] - costs[0]
+            if gap < -BETTER and self.settings.restart:
+                ours, gap = rival, -gap
+                belief.counts["batch restarts"] += 1
+        self._adopt(log, told, ours)
         if self.settings.soft:
-            # weak priors where the landmarks are by now: their first places still pulled a little
-            found = em.fit(
-                belief.log, belief.conventions, start, exclusive=self.settings.exclusive,
-                clutter=False, widest=1.0,
-            )  # fmt: skip
-            poses, landmarks = found.poses, found.landmarks
-            covariances = found.position_covariances
+            ours = self._fit(log, (belief.poses, belief.landmarks), 1.0)
+            poses, landmarks = ours.poses, ours.landmarks
+            covariances = ours.position_covariances
         else:
-            poses, landmarks = start
-            sigma = belief.conventions.landmark_prior_sigma
-            chain = chain_problem.of_log(belief.log, landmarks, sigma)
+            poses, landmarks = graph_poses, belief.landmarks
+            chain = chain_problem.of_log(log, landmarks, LOOSE * belief.longest)
             covariances = louis_covariance.position_covariances(
-                chain, chain_solver.state_of(chain, *start), np.eye(data.n_landmarks + 1)[used]
-            )
-        belief.counts["slips"] = len(belief.slipped)
+                chain, chain_solver.state_of(chain, poses, landmarks),
+                np.eye(log.n_landmarks + 1)[used],
+            )  # fmt: skip
+        used = belief.credit.used
+        wrong = ours.shares.wrong if self.settings.p is None else self.settings.p
+        blocks = belief.covariance().landmarks.reshape(log.n_landmarks, 2, log.n_landmarks, 2)
+        own = np.einsum("kikj->kij", blocks)
+        in_doubt = belief.in_doubt | ~belief.present | self._vague()
+        belief.counts["slips"] = int(belief.slipped.sum())
         belief.counts["dropped"] = int(np.sum(used == DROPPED))
-        belief.counts["swapped"] = int(np.sum((used != DROPPED) & (used != data.label_of)))
-        return OnlineEstimate(
-            poses, landmarks, belief.poses, used, covariances, belief.p, filtered, belief.counts
+        belief.counts["swapped"] = int(np.sum((used != DROPPED) & (used != log.label_of)))
+        found = OnlineEstimate(
+            poses, landmarks, own, in_doubt, graph_poses, used,
+            covariances, wrong, ours.shares.clutter, np.array(self.filtered),
+            belief.counts, self._diagnosis(log, told, ours, gap),
+        )  # fmt: skip
+        if found.diagnosis.doubtful:
+            warnings.warn("; ".join(found.diagnosis.reasons), DoubtWarning, stacklevel=3)
+        return found
+
+    def _vague(self) -> np.ndarray:
+        """(K,) bool, landmarks that are nowhere well enough to tell their ranges from others'."""
+        joint = self.belief.covariance(anchored=True).landmarks
+        k = len(joint) // 2
+        own = np.einsum("kikj->kij", np.nan_to_num(joint).reshape(k, 2, k, 2))
+        if k == 0 or len(self.belief.log.ranges) == 0:
+            return np.ones(k, dtype=bool)
+        limit = data_association.VAGUE * np.median(self.belief.log.range_sigmas)
+        return np.linalg.eigvalsh(own)[:, -1] > limit**2
+
+    def _diagnosis(self, log: Log, told: np.ndarray, found, gap: float) -> Diagnosis:
+        none = found.weights[:, -1]
+        residuals = association.residuals(log, found.poses, found.landmarks)
+        squared = np.nansum(found.responsibilities * (residuals / log.range_sigmas[:, None]) ** 2)
+        freedom = (1 - none).sum() - 2 * np.isfinite(found.landmarks[:, 0]).sum()
+        recent = np.concatenate([np.empty(0), *self.held_out[-max(log.n_poses // 3, 1) :]])
+        odometry, worst_step = diagnosis.steps_missed(log, told, found.poses)
+        return Diagnosis(
+            unexplained=float(none.mean()) if len(none) else 0.0,
+            worst_run=diagnosis.worst_run(log, none),
+            surprise=float(recent.mean()) if len(recent) else 1.0,
+            residual=float(squared / freedom) if freedom > 0 else 1.0,
+            odometry=odometry,
+            worst_step=worst_step,
+            rival=float(gap),
         )
+
+
+def _differ(log: Log, one: em.SoftEstimate, other: em.SoftEstimate) -> bool:
+    """Are two estimates not the same, to a range sigma in any place?"""
+    moved = np.linalg.norm(one.poses[:, :2] - other.poses[:, :2], axis=1).max()
+    places = np.linalg.norm(one.landmarks - other.landmarks, axis=1)
+    apart = np.nanmax(np.append(places, moved))
+    return bool(apart > np.median(log.range_sigmas)) if len(log.ranges) else False

@@ -159,7 +159,8 @@ def modes(posterior: WeightedSamples, evidence: Evidence) -> list[Mode]:
         information = _information(evidence, best)
         own = free & (np.sum(offsets @ information * offsets, axis=1) < CLAIM)
         weights = posterior.weights[own]
-        mean, mass = np.average(places[own], axis=0, weights=weights), weights.sum()
+        mass = weights.sum()
+        mean = weights @ places[own] / mass
         centred = places[own] - mean
         covariance = (weights[:, None] * centred).T @ centred / mass
         found.append(Mode(mean, covariance, float(mass)))
@@ -172,7 +173,7 @@ def _information(evidence: Evidence, place: np.ndarray) -> np.ndarray:
     offsets = place - evidence.anchors
     distances = np.linalg.norm(offsets, axis=1)
     right = np.exp(-0.5 * (distances - evidence.ranges) ** 2 / evidence.variances)
-    share = right / (right + evidence.floors)
+    share = right / np.maximum(right + evidence.floors, 1e-300)  # both may be 0
     directions = offsets / np.maximum(distances, 1e-9)[:, None]
     weighted = directions * (share / evidence.variances)[:, None]
     return weighted.T @ directions + np.eye(2) / evidence.sigma**2

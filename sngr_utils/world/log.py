@@ -97,6 +97,65 @@ class Log:
             times=self.times[:n],
         )
 
+    def after(self, n: int) -> Self:
+        """The log from pose n on. Its prior on the first pose is still that of pose 0."""
+        part = self.keep(self.pose_of >= n)
+        return part._with(
+            pose_of=part.pose_of - n,
+            odometry=self.odometry[n:],
+            odometry_covariances=self.odometry_covariances[n:],
+            times=self.times[n:],
+        )
+
+    def joined(self, later: Self) -> Self:
+        """This log and a later one, whose first pose is the last one here."""
+        shifted = later._with(pose_of=later.pose_of + self.n_poses - 1, times=later.times[1:])
+        names = [*self._per_range(), "odometry", "odometry_covariances", "times"]
+        return self._with(**{
+            name: np.concatenate([getattr(self, name), getattr(shifted, name)]) for name in names
+        })
+
+    def with_covariances(self, odometry_covariances: np.ndarray) -> Self:
+        """The same log with other (T-1, 3, 3) covariances of the odometry."""
+        return self._with(odometry_covariances=odometry_covariances)
+
+    def measurements(self, t: int) -> "Measurements":
+        """What was measured at pose t, from 1 on, and on the way to it."""
+        mine = slice(*np.searchsorted(self.pose_of, [t, t + 1]))
+        chances = self.label_probabilities
+        return Measurements(
+            motion=self.odometry[t - 1],
+            covariance=self.odometry_covariances[t - 1],
+            ranges=self.ranges[mine],
+            range_sigmas=self.range_sigmas[mine],
+            label_of=self.label_of[mine],
+            time=self.times[t],
+            label_probabilities=None if chances is None else chances[mine],
+            row_of=self.row_of[mine],
+        )
+
+    def following(self, new: "Measurements") -> Self:
+        """The log of the last pose here and of the next one, which `new` is about.
+
+        Raises
+        ------
+        ValueError : as for a log
+        """
+        n = _count("ranges", new.ranges)
+        now = self.times[-1]
+        pair = self._with(
+            odometry=[new.motion],
+            odometry_covariances=new.covariance,
+            pose_of=np.ones(n),
+            ranges=new.ranges,
+            range_sigmas=new.range_sigmas,
+            label_of=new.label_of,
+            times=[now, now + 1 if new.time is None else new.time],
+            label_probabilities=new.label_probabilities,
+            row_of=np.arange(n) if new.row_of is None else new.row_of,
+        )
+        return pair._with(**_poses(pair), **_ranges(pair))
+
     def _per_range(self) -> list[str]:
         names = ["pose_of", "ranges", "range_sigmas", "label_of", "row_of"]
         return names + ["label_probabilities"] * (self.label_probabilities is not None)
@@ -107,6 +166,30 @@ class Log:
         for field in fields(self):
             object.__setattr__(part, field.name, changed.get(field.name, getattr(self, field.name)))
         return part
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measurements:
+    """What is measured at one pose, for an estimator that is fed as the robot goes. N ranges.
+
+    Attributes
+    ----------
+    motion : (3,) measured motion to it, in the body frame of the pose before, [m, m, rad]
+    covariance : (3, 3) of the motion, in that frame
+    ranges, range_sigmas, label_of : (N,), as in a `Log`
+    time : [s]; None for a second after the last one
+    label_probabilities : (N, K) or None, as in a `Log`
+    row_of : (N,) int, rows of a file; None if there is none
+    """
+
+    motion: np.ndarray
+    covariance: np.ndarray
+    ranges: np.ndarray
+    range_sigmas: np.ndarray
+    label_of: np.ndarray
+    time: float | None = None
+    label_probabilities: np.ndarray | None = None
+    row_of: np.ndarray | None = None
 
 
 # --- the checks -----------------------------------------------------------------------------

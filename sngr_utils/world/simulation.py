@@ -24,7 +24,7 @@ class World:
     odometry : (T-1, 3) measured motion from pose t to t+1 in the body frame of t, [m, m, rad]
     pose_of : (M,) int, pose index of each range, ascending
     label_of : (M,) int, landmark each range is *attached to* (possibly wrong)
-    source_of : (M,) int, landmark each range truly came from
+    source_of : (M,) int, landmark each range truly came from, -1 for none (clutter)
     ranges : (M,) measured ranges, [m]
     scenario : Scenario, the noise levels the estimator is told
     x0_mean : (3,) where the estimator's prior on the first pose is centred, [m, m, rad]; the
@@ -52,12 +52,15 @@ class World:
         return len(self.landmarks)
 
     def log(self, x0_sigmas: list[float]) -> Log:
-        """What an estimator may know of it, with the prior on the first pose [m, m, rad]."""
+        """What an estimator may know of it, with the prior on the first pose [m, m, rad].
+
+        Noise may take a short range below zero; no instrument says so, and its length is told.
+        """
         return Log(
             odometry=self.odometry,
             odometry_covariances=np.diag(self.scenario.odometry_sigmas**2),
             pose_of=self.pose_of,
-            ranges=self.ranges,
+            ranges=np.abs(self.ranges),
             range_sigmas=self.scenario.range_sigma,
             label_of=self.label_of,
             n_landmarks=self.n_landmarks,
@@ -106,12 +109,32 @@ def simulate(scenario: Scenario, p: float, *, rng: np.random.Generator) -> World
     s = scenario
     poses = circle_poses(s.n_poses, s.radius)
     landmarks = rng.uniform(-s.landmark_half_width, s.landmark_half_width, (s.n_landmarks, 2))
-    noise = rng.normal(size=(s.n_poses - 1, 3)) * s.odometry_sigmas
+    return measure(poses, landmarks, s, p, rng=rng, association_rng=association_rng)
+
+
+def measure(
+    poses: np.ndarray,
+    landmarks: np.ndarray,
+    scenario: Scenario,
+    p: float,
+    *,
+    rng: np.random.Generator,
+    association_rng: np.random.Generator,
+) -> World:
+    """Odometry along (T, 3) poses, and a range from each of them to each of (K, 2) landmarks.
+
+    Parameters
+    ----------
+    p : probability that a range is attached to the wrong landmark
+    association_rng : draws wrong associations, and nothing else does
+    """
+    noise = rng.normal(size=(len(poses) - 1, 3)) * scenario.odometry_sigmas
     odometry = relative_motion(poses) + noise
     distance = np.linalg.norm(poses[:, None, :2] - landmarks[None], axis=2)
-    ranges = distance + rng.normal(size=distance.shape) * s.range_sigma
+    ranges = distance + rng.normal(size=distance.shape) * scenario.range_sigma
     pose_of, source_of = (index.ravel() for index in np.indices(distance.shape))
-    label_of = wrong_associations(source_of, s.n_landmarks, p, rng=association_rng)
+    label_of = wrong_associations(source_of, len(landmarks), p, rng=association_rng)
     return World(
-        poses, landmarks, odometry, pose_of, label_of, source_of, ranges.ravel(), s, poses[0]
-    )
+        poses, landmarks, odometry, pose_of, label_of, source_of, ranges.ravel(), scenario,
+        poses[0],
+    )  # fmt: skip

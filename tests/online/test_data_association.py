@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers import SIGMA, SIGMAS, scans
+from helpers import SIGMA, scans
 from scipy import stats
 
 from sngr_utils.online import data_association, estimator
@@ -20,7 +20,7 @@ def innovations(squared, variance=0.01):
 
 def decide(data, found, used=None, p=0.2, exclusive=False, swap=True):
     used = data.label_of if used is None else np.array(used)
-    log, shares = data.log(SIGMAS), association.Shares(p, 0.0)
+    log, shares = data, association.Shares(p, 0.0)
     return data_association.decide(log, found, used, shares, exclusive, swap)
 
 
@@ -37,7 +37,7 @@ def test_residuals_about_an_estimate_taken_for_certain():
     data = scans([0, 1], pose_of=[0, 1], n_landmarks=2, ranges=[5.5, 3.0])
     poses = np.array([[1.0, 1.0, 0.4], [1.0, -3.0, 2.0]])
     landmarks = np.array([[4.0, 5.0], [np.nan, np.nan]])
-    residuals = association.residuals(data.log(SIGMAS), poses, landmarks)
+    residuals = association.residuals(data, poses, landmarks)
     assert residuals[:, 0] == pytest.approx([0.5, 3.0 - np.hypot(3, 8)])
     found = Innovations(residuals, np.full((2, 2), 0.01))
     assert found.squared[0, 0] == pytest.approx(25)
@@ -263,12 +263,12 @@ def test_the_joint_density_is_prior_times_likelihood():
     data = scans([0, 1], ranges=[5.0, 7.0])
     found = innovations([[1.0, 4.0, np.nan], [9.0, 0.0, np.nan]], variance=0.04)
     shares = association.Shares(0.3, 0.0)
-    logs = association.log_joint(data.log(SIGMAS), found.residuals, found.variances, shares)
+    logs = association.log_joint(data, found.residuals, found.variances, shares)
     density = stats.norm.pdf(np.sqrt(found.squared[:, :2] * 0.04), 0, 0.2)
     prior = np.array([[0.7, 0.15], [0.15, 0.7]])
     assert np.exp(logs[:, :2]) == pytest.approx(prior * density)
     assert np.isneginf(logs[:, 2]).all()
     assert np.exp(logs[:, 3]) == pytest.approx(0.15 / 7)
     known = innovations(np.ones((2, 3)))
-    everywhere = association.log_joint(data.log(SIGMAS), known.residuals, known.variances, shares)
+    everywhere = association.log_joint(data, known.residuals, known.variances, shares)
     assert np.isneginf(everywhere[:, 3]).all()

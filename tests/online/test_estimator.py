@@ -1,20 +1,26 @@
 from collections import Counter
 from dataclasses import replace
 
-import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import L
 
-from sngr_utils.experiments import estimators, online_variants
+from sngr_utils.experiments import estimators, every_world, online_variants
 from sngr_utils.metrics import rmse_and_nees
-from sngr_utils.online import belief, data_association, estimator, localisation, slips, smoother
+from sngr_utils.online import (
+    belief,
+    data_association,
+    diagnosis,
+    estimator,
+    localisation,
+    slips,
+    window,
+)
 from sngr_utils.online.landmarks import _locate, drop_landmarks
 from sngr_utils.robust import losses, mutual_exclusion
 from sngr_utils.robust.association import Shares
 from sngr_utils.sampling.targets import place
-from sngr_utils.slam import conventions, selected_inverse
-from sngr_utils.world import scenario, simulation, variations
+from sngr_utils.slam import conventions
+from sngr_utils.world import dead_reckoning, scenario, simulation, variations
 
 C = conventions.PRESETS["C"]
 WHOLE = estimator.Settings()
@@ -26,7 +32,8 @@ def make(p, seed=100):
 
 
 def run(drawn, settings=WHOLE, watch=None):
-    return estimator.run(drawn, C, settings, watch, rng=np.random.default_rng(0))
+    log = drawn.log(C.x0_sigmas)
+    return estimator.run(log, C, settings, watch, rng=np.random.default_rng(0))
 
 
 def rmse(found, drawn):
@@ -78,17 +85,6 @@ def test_the_same_run_twice_is_the_same_run(noisy):
     assert np.array_equal(first.poses, again.poses)
     assert np.array_equal(first.used, again.used)
     assert first.counts == again.counts
-
-
-def test_it_knows_nothing_of_the_truth(noisy):
-    drawn, first = noisy
-    blind = replace(
-        drawn,
-        poses=np.full_like(drawn.poses, np.nan),
-        landmarks=np.full((6, 2), np.nan),
-        source_of=np.full(len(drawn.ranges), -1),
-    )
-    assert np.array_equal(run(blind).poses, first.poses)
 
 
 # --- right answers --------------------------------------------------------------------------
@@ -156,7 +152,7 @@ def test_the_referee_is_asked_where_a_landmark_would_start_on_weights_that_are_n
     monkeypatch.setattr(localisation, "many_starts", lambda evidence, rng: (here, sound))
     scattered = replace(here, samples=here.samples + np.linspace(-3, 3, len(here.samples))[:, None])
     monkeypatch.setattr(localisation, "sample", lambda evidence, rng: scattered)
-    drawn = belief.Belief(make(0.0).first(1), C)
+    drawn = belief.Belief(make(0.0).first(1).log(C.x0_sigmas))
     found = _locate(drawn, evidence, referee, np.random.default_rng(0))
     assert drawn.counts["landmark samples"] == asked
     assert (found is None) == bool(asked)
@@ -182,25 +178,6 @@ def test_a_slip_is_noticed_and_survived():
 # --- parts ----------------------------------------------------------------------------------
 
 
-def test_smoother_without_a_factor_is_one_that_never_had_it():
-    noise = gtsam.noiseModel.Isotropic.Sigma(2, 0.1)
-    pins = {
-        ("landmark", i): gtsam.PriorFactorPoint2(L(0), np.array([float(i), 0.0]), noise)
-        for i in range(3)
-    }
-    start = gtsam.Values()
-    start.insert(L(0), np.zeros(2))
-    ours = smoother.Smoother()
-    ours.update(pins, start=start)
-    ours.update({}, [("landmark", 2)])
-    assert ours.values.atPoint2(L(0)) == pytest.approx([0.5, 0.0])
-    assert ours.factors("landmark").size() == 2
-    ours.update({}, [("landmark", 0), ("landmark", 1)])
-    assert ours.values.size() == 0
-    with pytest.raises(KeyError):
-        ours.update({}, [("landmark", 7)])
-
-
 def believed(p=0.0, upto=12):
     """A belief after some poses."""
     kept = []
@@ -211,7 +188,7 @@ def believed(p=0.0, upto=12):
 def test_innovations_leave_out_the_range_itself():
     """Against an estimate made without it, linearised at the same place."""
     state = believed()
-    data, used = state.data, state.credit.used
+    data, used = state.log, state.credit.used
     found = state.innovations(state.covariance())
     for m in (5, 31, 70):
         without = used.copy()
@@ -227,7 +204,7 @@ def test_innovations_leave_out_the_range_itself():
 
 def test_a_lonely_range_goes_to_the_landmark_that_explains_it():
     state = believed()
-    data = state.data
+    data = state.log
     found = state.innovations(state.covariance())
     m = 30
     other = (data.label_of[m] + 1) % 6
@@ -267,30 +244,45 @@ def test_a_landmark_in_the_wrong_place_is_taken_out():
 def test_a_step_that_the_estimate_contradicts_is_widened():
     state = believed()
     slips.doubt_steps(state)
-    assert not state.slipped
-    state.data = replace(state.data, odometry=state.data.odometry + [[0.5, 0, 0]] * 12)
+    assert not state.slipped.any()
+    state.log = state.log._with(odometry=state.log.odometry + [[0.5, 0, 0]] * 12)
     slips.doubt_steps(state)
-    assert state.slipped
-    sigmas = state.step(min(state.slipped)).noiseModel().sigmas()
-    assert sigmas == pytest.approx([belief.SLIP_SIGMA, belief.SLIP_SIGMA, 0.01])
+    assert state.slipped.any()
+    wide = state.log.odometry_covariances[np.argmax(state.slipped)]
+    assert np.diag(wide) == pytest.approx([state.longest**2, state.longest**2, 0.01**2])
+    state.trust(np.flatnonzero(state.slipped))
+    assert not state.slipped.any()
+    assert np.array_equal(state.log.odometry_covariances, state.told)
 
 
-def test_chain_takes_a_sigma_for_every_step():
-    """One step wide: the covariance of GTSAM's marginals, to rounding."""
-    state = believed()
-    state.distrust([4])
+def test_the_past_says_of_the_window_what_all_poses_said():
+    """Twenty poses, the first eight summed up: the same minimum and the same covariances."""
+    state = believed(upto=19)
+    whole, poses, landmarks = state.covariance(), state.poses, state.landmarks
+    state._leave(8)
+    state.solve()
+    assert len(state.poses) == 12
+    assert np.abs(state.poses - poses[8:]).max() < 1e-5
+    assert np.abs(state.landmarks - landmarks).max() < 1e-5
     blocks = state.covariance()
-    factors = state.smoother.factors("x0", "odometry", "landmark", "range")
-    marginals = gtsam.Marginals(factors, state.smoother.values)
-    for t in (0, 5, 12):
-        expected = marginals.marginalCovariance(gtsam.symbol("x", t))
-        assert np.allclose(blocks.poses[t], expected, rtol=1e-6, atol=1e-12)
-    with pytest.raises(ValueError, match="odometry_sigmas"):
-        selected_inverse.selected_inverse(
-            np.zeros((3, 3)), np.zeros((1, 2)), np.zeros((2, 3)), np.zeros(1, int),
-            np.zeros(1, int), x0_mean=np.zeros(3), x0_sigmas=np.ones(3),
-            odometry_sigmas=np.ones((3, 3)), landmark_prior_sigma=1.0, range_sigma=1.0,
-        )  # fmt: skip
+    assert blocks.poses == pytest.approx(whole.poses[8:], rel=1e-2, abs=1e-7)
+    assert blocks.landmarks == pytest.approx(whole.landmarks, rel=1e-2, abs=1e-6)
+    log, told, all_poses, used = state.whole()
+    assert log.n_poses == 20
+    assert len(told) == 19
+    assert len(used) == len(log.ranges) == 120
+    assert np.abs(all_poses - poses).max() < 1e-5
+
+
+def test_without_a_landmark_the_past_is_its_marginal():
+    state = believed(upto=19)
+    state._leave(8)
+    past = window.without(state.past, 2)
+    kept = np.delete(np.arange(15), [7, 8])
+    expected = np.linalg.inv(np.linalg.inv(state.past.information + 1e-6 * np.eye(15))[
+        np.ix_(kept, kept)])  # fmt: skip
+    assert past.information[np.ix_(kept, kept)] == pytest.approx(expected, rel=1e-3, abs=1e-2)
+    assert not past.information[[7, 8]].any()
 
 
 def test_two_ranges_that_fit_one_landmark_only_do_not_underflow():
@@ -346,3 +338,95 @@ def test_fifteen_landmarks_and_a_scan_with_one_measured_twice_are_ordinary():
     found = run(twice)
     assert len(found.used) == len(drawn.ranges) + 2
     assert rmse(found, drawn) < 0.3
+
+
+# --- any log --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("share", [0.05, 0.2])
+def test_clutter_is_found_out_and_its_share_estimated(share):
+    """Added ranges that come from nothing: the labels of some scans stand there twice."""
+    drawn = variations.clutter_added(make(0.2), share, 10.0, rng=np.random.default_rng(0))
+    found = run(drawn)
+    assert np.mean(found.used == drawn.source_of) > 0.9
+    assert found.clutter == pytest.approx(np.mean(drawn.source_of < 0), abs=0.08)
+    best, _ = every_world.oracle(drawn, make(0.2), C, from_grid=True)
+    assert rmse(found, drawn) < 1.35 * rmse(best, drawn)
+
+
+def test_all_lengths_times_ten_give_the_same_times_ten():
+    """To what EM moves in its last step, which is 1e-4 m at either size."""
+    log = make(0.3).log(C.x0_sigmas)
+    unit = np.array([10.0, 10.0, 1.0])
+    large = log._with(
+        odometry=log.odometry * unit, ranges=10 * log.ranges, range_sigmas=10 * log.range_sigmas,
+        odometry_covariances=log.odometry_covariances * np.outer(unit, unit),
+        x0_mean=log.x0_mean * unit, x0_sigmas=log.x0_sigmas * unit,
+    )  # fmt: skip
+    small, big = (
+        estimator.run(each, C, WHOLE, rng=np.random.default_rng(0)) for each in (log, large)
+    )
+    assert np.array_equal(small.used, big.used)
+    assert big.filtered[:, :2] / 10 == pytest.approx(small.filtered[:, :2], abs=1e-4)
+    assert big.poses[:, :2] / 10 == pytest.approx(small.poses[:, :2], abs=1e-3)
+    assert big.landmarks / 10 == pytest.approx(small.landmarks, abs=1e-3)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_few_poses_are_dead_reckoning_and_doubted(n):
+    with pytest.warns(diagnosis.DoubtWarning):
+        found = run(make(0.2).first(n))
+    assert found.poses.shape == (n, 3)
+    assert found.in_doubt.all()
+    assert found.diagnosis.doubtful
+
+
+def test_no_ranges_are_dead_reckoning():
+    drawn = make(0.2)
+    found = run(drawn.keep(np.zeros(len(drawn.ranges), dtype=bool)))
+    expected = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
+    assert found.poses == pytest.approx(expected, abs=1e-9)
+    assert found.in_doubt.all()
+
+
+def test_half_of_the_labels_and_a_landmark_without_ranges():
+    drawn = make(0.2)
+    log = drawn.log(C.x0_sigmas)
+    blank = np.random.default_rng(0).random(len(log.ranges)) < 0.4
+    some = log._with(label_of=np.where(blank, -1, log.label_of))
+    found = estimator.run(some, C, WHOLE, rng=np.random.default_rng(0))
+    assert np.mean(found.used == drawn.source_of) > 0.9
+    unseen = log.keep(drawn.source_of != 2)
+    found = estimator.run(unseen, C, WHOLE, rng=np.random.default_rng(0))
+    assert rmse(found, drawn) < 0.3
+
+
+def test_standing_still_leaves_the_landmarks_in_doubt():
+    rng = np.random.default_rng(0)
+    poses = np.tile([5.0, 0.0, 1.5], (10, 1))
+    drawn = simulation.measure(
+        poses, make(0.0).landmarks, scenario.Scenario(), 0.0, rng=rng, association_rng=rng
+    )
+    found = run(drawn)
+    assert found.in_doubt.all()
+    assert rmse(found, drawn) < 0.4
+
+
+def test_a_step_is_refused_by_field_and_row():
+    log = make(0.2).log(C.x0_sigmas)
+    online = estimator.Online(log.first(1), C, WHOLE, rng=np.random.default_rng(0))
+    bad = log.measurements(1)
+    with pytest.raises(ValueError, match=r"ranges\[2\]"):
+        online.step(replace(bad, ranges=np.where(np.arange(6) == 2, -1.0, bad.ranges)))
+    with pytest.raises(ValueError, match="scale and offset"):
+        estimator.Online(log._with(scale=(1.0, 0.1)), C, WHOLE, rng=np.random.default_rng(0))
+
+
+def test_an_estimate_that_is_lost_says_so():
+    """A slip before any landmark is known, which no scan contradicts: the map is torn."""
+    drawn = make(0.3, 118)
+    slipped = variations.jump(drawn, 5.0, 0.0, rng=np.random.default_rng([118, 90]))
+    with pytest.warns(diagnosis.DoubtWarning, match="fit nothing"):
+        found = run(slipped)
+    assert found.diagnosis.reasons
+    assert not run(drawn).diagnosis.doubtful

@@ -5,13 +5,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers import SIGMA, SIGMAS, scans
+from helpers import SIGMA, scans
 
 from sngr_utils.online import landmarks as landmarks_module
 from sngr_utils.online import localisation
 from sngr_utils.online.data_association import DROPPED, Credit
 from sngr_utils.online.landmarks import _locate, drop_landmarks, start_landmarks, witnesses
 from sngr_utils.robust.association import Shares
+from sngr_utils.sampling import importance
 from sngr_utils.sampling.targets import place
 from sngr_utils.slam import landmark_starts
 
@@ -19,20 +20,21 @@ from sngr_utils.slam import landmark_starts
 class Believed(SimpleNamespace):
     """What `landmarks` reads of a belief and asks of it."""
 
-    def covariance(self):
+    @property
+    def present(self):
+        return np.isfinite(self.landmarks[:, 0])
+
+    @property
+    def longest(self):
+        return self.log.ranges.max()
+
+    def covariance(self, anchored):
+        assert anchored
         return SimpleNamespace(poses=self.covariances)
 
     def credit_fitting(self, mine, landmarks, mode, evidence):
         self.fitted = (mine, landmarks, mode, evidence)
         return "credits"
-
-    @property
-    def log(self):
-        return self.data.log(SIGMAS)
-
-    @property
-    def shares(self):
-        return Shares(self.p, 0.0)
 
     def insert(self, k, position, used):
         self.inserted = (k, position, used)
@@ -50,7 +52,8 @@ def waiting():
     covariances = np.zeros((6, 3, 3))
     covariances[:, 0, 0], covariances[:, 1, 1] = 0.02 * np.arange(6), 0.04
     return Believed(
-        data=data, p=0.3, poses=np.column_stack([np.arange(6.0), np.ones(6), np.zeros(6)]),
+        log=data, shares=Shares(0.3, 0.0), in_doubt=np.zeros(3, dtype=bool),
+        poses=np.column_stack([np.arange(6.0), np.ones(6), np.zeros(6)]),
         landmarks=np.array([[np.nan, np.nan], [5.0, 5.0], [np.nan, np.nan]]),
         credit=Credit(np.where(data.label_of == 1, 1, DROPPED), weights),
         covariances=covariances, counts=Counter(), removed=[],
@@ -74,7 +77,7 @@ def test_witnesses_are_the_free_ranges_that_the_label_leaves_a_fair_chance(waiti
 @pytest.mark.parametrize(("elsewhere", "heard"), [(0.70, True), (0.69, False)])
 def test_a_range_of_another_label_is_a_witness_from_a_fifth_on(waiting, elsewhere, heard):
     """At p = 0.4 the two that wait share it as 0.2 to 0.6, and 0.8 of that is a fifth."""
-    waiting.p = 0.4
+    waiting.shares = Shares(0.4, 0.0)
     waiting.credit.weights[2, -1] = 1.15 * elsewhere
     mine, _ = witnesses(waiting, 0)
     assert (2 in mine) == heard
@@ -136,7 +139,7 @@ def test_without_delay_three_poses_do(waiting):
     waiting.poses = np.array([[0.0, 1.0, 0.0], [1.0, 1.0, 0.0], [4.0, 1.5, 0.0]])
     spot = np.array([1.0, 4.0])
     ranges = np.linalg.norm(waiting.poses[:, :2] - spot, axis=1)[[0, 1, 1, 2]]
-    waiting.data = scans([0, 0, 0, 0], pose_of=[0, 1, 1, 2], ranges=ranges - [0, 0, 1, 0])
+    waiting.log = scans([0, 0, 0, 0], pose_of=[0, 1, 1, 2], ranges=ranges - [0, 0, 1, 0])
     waiting.credit = Credit(np.full(4, DROPPED), np.tile([0.0, 0, 0, 1], (4, 1)))
     start_landmarks(waiting, False, True, rng=np.random.default_rng(0))
     assert not hasattr(waiting, "inserted")
@@ -193,7 +196,7 @@ def test_nine_tenths_of_the_posterior_in_one_mode_are_a_place(
     monkeypatch.setattr(localisation, "sample", lambda evidence, rng: "nested")
     answers = {"starts": mode if sound else lone, "nested": mode}
     monkeypatch.setattr(localisation, "modes", lambda cloud, evidence: [answers[cloud], lone])
-    found = _locate(waiting, "evidence", True, np.random.default_rng(0))
+    found = _locate(waiting, arc(5, 0.1, [1.0, 2.0]), True, np.random.default_rng(0))
     assert found is (mode if kept else None)
     assert waiting.counts["landmark samples"] == (not sound)
 
@@ -203,7 +206,7 @@ def test_the_referee_is_not_asked_about_a_landmark_that_would_wait_anyway(waitin
     monkeypatch.setattr(localisation, "mirrored", lambda evidence: False)
     monkeypatch.setattr(localisation, "many_starts", lambda evidence, rng: ("starts", False))
     monkeypatch.setattr(localisation, "modes", lambda cloud, evidence: [vague])
-    assert _locate(waiting, "evidence", True, np.random.default_rng(0)) is None
+    assert _locate(waiting, arc(5, 0.1, [1.0, 2.0]), True, np.random.default_rng(0)) is None
     assert waiting.counts == {"landmark questions": 1}
 
 
@@ -218,7 +221,7 @@ def test_a_landmark_used_by_less_than_half_of_its_right_labels_is_taken_out(labe
     """At p = 0.2, 20 labels are right 16 times, and half of that is 8; below 10 none is judged."""
     credit = np.where(np.arange(labelled) < used, 1, DROPPED)
     state = Believed(
-        data=scans([1] * labelled), p=0.2, counts=Counter(), removed=[],
+        log=scans([1] * labelled), shares=Shares(0.2, 0.0), counts=Counter(), removed=[],
         landmarks=np.array([[np.nan, np.nan], [0.0, 0.0], [1.0, 1.0]]),
         credit=Credit(credit, None),
     )  # fmt: skip
@@ -229,9 +232,32 @@ def test_a_landmark_used_by_less_than_half_of_its_right_labels_is_taken_out(labe
 
 def test_uses_by_ranges_of_other_labels_do_not_count():
     state = Believed(
-        data=scans([1] * 10 + [0] * 10), p=0.0, counts=Counter(), removed=[],
+        log=scans([1] * 10 + [0] * 10), shares=Shares(0.0, 0.0), counts=Counter(), removed=[],
         landmarks=np.zeros((3, 2)), credit=Credit(np.array([0] * 10 + [1] * 10), None),
     )  # fmt: skip
     drop_landmarks(state)
     assert state.removed == [0, 1]
     assert state.counts["landmark restarts"] == 2
+
+
+@pytest.mark.parametrize(
+    ("poses", "sigma", "enters"),
+    [(8, 0.1, True), (7, 0.1, False), (8, 1.0, False)],
+)
+def test_after_long_a_landmark_enters_on_one_of_two_narrow_sides(
+    waiting, monkeypatch, poses, sigma, enters
+):
+    modes = [localisation.Mode(np.zeros(2), sigma**2 * np.eye(2), mass) for mass in (0.5, 0.45)]
+    monkeypatch.setattr(localisation, "mirrored", lambda evidence: True)
+    monkeypatch.setattr(localisation, "many_starts", lambda evidence, rng: ("starts", True))
+    monkeypatch.setattr(localisation, "modes", lambda cloud, evidence: modes)
+    found = _locate(waiting, arc(poses, 0.1, [1.0, 2.0]), True, np.random.default_rng(0))
+    assert found is (modes[0] if enters else None)
+
+
+def test_no_mode_is_no_place(waiting, monkeypatch):
+    def none(evidence, rng):
+        raise importance.NoModeError
+
+    monkeypatch.setattr(localisation, "many_starts", none)
+    assert _locate(waiting, arc(12, 3.0, [1.0, 2.0]), True, np.random.default_rng(0)) is None

@@ -1,0 +1,214 @@
+"""The online estimator in worlds of every kind, beside an oracle that knows what it must find out.
+
+A kind is what a person who brings data may meet: clutter, a sensor that does not reach, straight
+roads, slips, noise that is not as stated. The oracle is least squares that is told the true
+sources, which ranges are clutter, the true noise, and which steps have slipped.
+"""
+
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from sngr_utils.experiments.estimators import expected_nees
+from sngr_utils.metrics import rmse_and_nees
+from sngr_utils.online import estimator
+from sngr_utils.slam import chain_problem, chain_solver, landmark_starts
+from sngr_utils.slam.chain_solver import CERES
+from sngr_utils.slam.conventions import PRESETS, Conventions
+from sngr_utils.slam.range_loss import LEAST_SQUARES
+from sngr_utils.world import dead_reckoning, simulation, variations
+from sngr_utils.world.log import Log
+from sngr_utils.world.scenario import Scenario
+from sngr_utils.world.simulation import World
+
+SCENE = 10.0  # m, what clutter is uniform up to
+FAR = 100.0  # m, and gross outliers
+STREAM = 90  # of random numbers, beside the seed of the world
+ASTRAY = 1.0  # m, from its place: a landmark on the wrong side
+NO_RIVAL = 1e6  # nats
+KNOWN_SLIP = 100.0  # m and rad, sigma that the oracle gives to a step that slipped
+
+Change = Callable[[World, np.random.Generator], World]
+
+
+def _same(world: World, rng: np.random.Generator) -> World:
+    return world
+
+
+def _added(share: float) -> Change:
+    return lambda world, rng: variations.clutter_added(world, share, SCENE, rng=rng)
+
+
+def _replaced(share: float, longest: float = SCENE) -> Change:
+    return lambda world, rng: variations.clutter_replaced(world, share, longest, rng=rng)
+
+
+def _jump(metres: float, radians: float) -> Change:
+    return lambda world, rng: variations.jump(world, metres, radians, rng=rng)
+
+
+def _told(ranges: float, odometry: float) -> Change:
+    return lambda world, rng: variations.misstated(world, ranges, odometry)
+
+
+def _burst(p: float, length: int) -> Change:
+    return lambda world, rng: variations.burst(world, p, length, rng=rng)
+
+
+CHANGES: dict[str, Change] = {
+    "circle": _same,
+    "straight": _same,
+    "L": _same,
+    "clutter added 1 %": _added(0.01),
+    "clutter added 5 %": _added(0.05),
+    "clutter added 20 %": _added(0.2),
+    "clutter replaced 1 %": _replaced(0.01),
+    "clutter replaced 5 %": _replaced(0.05),
+    "clutter replaced 20 %": _replaced(0.2),
+    "gross outliers": _replaced(0.05, FAR),
+    "too long": lambda world, rng: variations.too_long(world, 0.05, 3.0, rng=rng),
+    "reach 4 m": lambda world, rng: variations.within_reach(world, 4.0),
+    "reach 5 m": lambda world, rng: variations.within_reach(world, 5.0),
+    "burst 7": _burst(0.6, 7),
+    "burst 5": _burst(0.8, 5),
+    "slip 1 m": _jump(1.0, 0.0),
+    "slip 5 m": _jump(5.0, 0.0),
+    "slip 0.5 rad": _jump(0.0, 0.5),
+    "range sigma 1.25": _told(1.25, 1.0),
+    "range sigma 0.8": _told(0.8, 1.0),
+    "odometry 2": _told(1.0, 2.0),
+}
+BENDS = {"straight": 0.0, "L": np.pi / 2}  # of roads, [rad]; the others are circles
+
+# kind, preset, shares of wrong labels
+ROWS = [
+    *(("circle", preset, (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)) for preset in "CAB"),
+    *((f"clutter {how} {share} %", "C", (0.0, 0.3)) for how in ("added", "replaced")
+      for share in (1, 5)),
+    *((f"clutter {how} 20 %", "C", (0.2,)) for how in ("added", "replaced")),
+    *((kind, "C", (0.0, 0.3)) for kind in (
+        "gross outliers", "too long", "reach 4 m", "reach 5 m", "straight", "L")),
+    *((kind, "C", (0.0,)) for kind in ("burst 7", "burst 5")),
+    *((kind, "C", (0.3,)) for kind in (
+        "slip 1 m", "slip 5 m", "slip 0.5 rad", "range sigma 1.25", "range sigma 0.8",
+        "odometry 2")),
+]  # fmt: skip
+
+
+def cells(seeds: range) -> list[tuple]:
+    """Arguments of `rows` for every kind."""
+    return [(kind, preset, p, seed) for kind, preset, levels in ROWS for p in levels
+            for seed in seeds]  # fmt: skip
+
+
+def draw(kind: str, p: float, seed: int) -> tuple[World, World]:
+    """The world of a kind, and the sound one that it was made from.
+
+    Raises
+    ------
+    ValueError : unknown kind
+    """
+    if kind not in CHANGES:
+        raise ValueError(f"kind is {kind!r}: it must be one of {sorted(CHANGES)}")
+    rng = np.random.default_rng(seed)
+    if kind in BENDS:
+        sound = variations.on_a_road(Scenario(), BENDS[kind], p, rng=rng)
+    else:
+        sound = simulation.simulate(Scenario(), p, rng=rng)
+    return CHANGES[kind](sound, np.random.default_rng([seed, STREAM])), sound
+
+
+def rows(kind: str, preset: str, p: float, seed: int) -> list[dict]:
+    """One world: errors over the oracle's, consistency, and what the result says of itself."""
+    world, sound = draw(kind, p, seed)
+    conventions = PRESETS[preset]
+    rng = np.random.default_rng([seed, STREAM, 1])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = estimator.run(
+            world.log(conventions.x0_sigmas), conventions, estimator.Settings(), rng=rng
+        )
+    best, filtered = oracle(world, sound, conventions, from_grid=kind == "circle")
+    truth = world.poses[:, :2]
+    least = rmse_and_nees.rmse(best.poses[:, :2], truth)
+    row = {
+        "kind": kind, "preset": preset, "p": p, "seed": seed,
+        "final": rmse_and_nees.rmse(found.poses[:, :2], truth) / least,
+        "filtered": rmse_and_nees.rmse(found.filtered[:, :2], truth)
+        / rmse_and_nees.rmse(filtered, truth),
+        "nees": expected_nees(world, conventions, found.poses, found.position_covariances),
+        "oracle_nees": expected_nees(world, conventions, best.poses, best.position_covariances),
+        "oracle_rmse": least,
+        **_landmarks(world, conventions, found, best),
+        **_diagnosis(found),
+    }  # fmt: skip
+    return [row]
+
+
+def _landmarks(world: World, conventions: Conventions, found, best) -> dict:
+    """Of landmarks that are called known: share, errors against the oracle's, NEES, wrong side."""
+    known = ~found.in_doubt
+    errors = found.landmarks[known] - world.landmarks[known]
+    moved = dead_reckoning.rigid_covariances(
+        np.vstack([world.poses[:1], np.column_stack([world.landmarks, np.zeros(len(known))])]),
+        conventions.x0_sigmas,
+    )[1:][known]
+    covariances = found.landmark_covariances[known]
+    traces = np.trace(np.linalg.solve(covariances, moved), axis1=1, axis2=2)
+    theirs = best.landmarks[known] - world.landmarks[known]
+    return {
+        "known": float(known.mean()),
+        "landmark_ratio": float(np.sqrt(np.sum(errors**2) / np.sum(theirs**2)))
+        if known.any() else float("nan"),
+        "landmark_nees": rmse_and_nees.nees(errors, covariances) + float(traces.mean())
+        if known.any() else float("nan"),
+        "astray": int(np.sum(np.linalg.norm(errors, axis=1) > ASTRAY)),
+    }  # fmt: skip
+
+
+def _diagnosis(found: estimator.OnlineEstimate) -> dict:
+    told = found.diagnosis
+    return {
+        "doubtful": int(told.doubtful), "reasons": "; ".join(told.reasons), "p_found": found.p,
+        "clutter_found": found.clutter, "unexplained": told.unexplained,
+        "worst_run": told.worst_run, "surprise": told.surprise, "residual": told.residual,
+        "odometry": told.odometry, "worst_step": told.worst_step,
+        "rival": min(told.rival, NO_RIVAL), "slips": found.counts["slips"],
+    }  # fmt: skip
+
+
+def oracle(
+    world: World, sound: World, conventions: Conventions, from_grid: bool
+) -> tuple[chain_solver.Estimate, np.ndarray]:
+    """Least squares that knows sources, noise and slips; and (T, 2) positions when newest, [m].
+
+    Parameters
+    ----------
+    sound : what `world` was made from, with the noise that there is
+    from_grid : landmarks start on a grid, where their weak priors are; else at the truth
+    """
+    known = world.keep(world.source_of >= 0)
+    known = replace(known, label_of=known.source_of, scenario=sound.scenario)
+    log = known.log(conventions.x0_sigmas)
+    wide = log.odometry_covariances.copy()
+    wide[(world.odometry != sound.odometry).any(axis=1)] = KNOWN_SLIP**2 * np.eye(3)
+    log = log.with_covariances(wide)
+    landmarks, start = world.landmarks, world.poses
+    if from_grid:
+        start = dead_reckoning.dead_reckoning(log.x0_mean, log.odometry)
+        landmarks = landmark_starts.start_landmarks(log, start, "grid")
+    best = _least_squares(log, conventions, start, landmarks)
+    newest = [log.x0_mean[:2]]
+    for t in range(2, log.n_poses + 1):
+        part = _least_squares(log.first(t), conventions, best.poses[:t], landmarks)
+        newest.append(part.poses[-1, :2])
+    return best, np.array(newest)
+
+
+def _least_squares(
+    log: Log, conventions: Conventions, poses: np.ndarray, landmarks: np.ndarray
+) -> chain_solver.Estimate:
+    chain = chain_problem.of_log(log, landmarks, conventions.landmark_prior_sigma)
+    return chain_solver.solve(chain, poses, landmarks, LEAST_SQUARES, CERES)
