@@ -8,6 +8,7 @@ SHELL := bash
 .DEFAULT_GOAL := help
 
 PYTHON ?=
+export PYTHON
 JOBS ?= 2
 # Of `make mutants`: how many, and the seed of their choice.
 MUTANTS ?= 300
@@ -50,6 +51,7 @@ help:
 	@echo 'make test       tests, and the committed notebooks re-run and compared'
 	@echo 'make coverage   the unit tests, with the lines of the library they miss (90 % at least)'
 	@echo 'make mutants    break the library at random in MUTANTS places: do its tests notice?'
+	@echo 'make matrix     try make in many situations: tried, clean, skipped'
 	@echo 'make study/NAME  a long study, into paper/studies; takes up what an earlier run left'
 	@echo 'make results    the notebooks only: figures/ and build/results/ (needs no TeX)'
 	@echo 'make quick      the notebooks with the small params/quick, into build/quick'
@@ -166,6 +168,11 @@ study/%: setup
 .PHONY: mutants
 mutants: setup
 	@$(PY) scripts/mutants.py --sample $(MUTANTS) --seed $(SEED)
+
+# In copies below build/matrix; STRICT=1 fails on a skip that scripts/matrix does not name.
+.PHONY: matrix
+matrix: setup
+	@$(PY) scripts/matrix $(if $(STRICT),--strict)
 
 lint: setup
 	@$(PY) -m ruff check . && $(PY) -m ruff format --check .

@@ -4,7 +4,7 @@
 # A set-up that fails or is cut off leaves the environment that was there before.
 set -euo pipefail
 unset CDPATH
-cd "$(dirname "$0")/.."
+cd -P "$(dirname "$0")/.." # one name, also if it is reached by a link
 
 fail() {
   echo "error: $1" >&2

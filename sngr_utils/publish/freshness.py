@@ -12,6 +12,7 @@ from sngr_utils import paths
 from sngr_utils.publish import notebooks
 from sngr_utils.publish.dependencies import imported_files
 from sngr_utils.publish.files import entries, read_json
+from sngr_utils.publish.notebooks import ProjectError
 
 # what reading a file that somebody spoiled may raise
 MALFORMED = (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError)
@@ -24,10 +25,17 @@ def inputs(name: str, params: dict[str, Any]) -> dict[str, str]:
     return {
         "notebook": digest(notebooks.sources(name)),
         "params": digest(params),
-        "package": digest([path.read_text(encoding="utf-8") for path in modules]),
-        "printed_values": digest(paths.PRINTED_VALUES.read_text(encoding="utf-8")),
-        "lock": digest(paths.LOCK.read_text(encoding="utf-8")),
+        "package": digest([_text(path) for path in modules]),
+        "printed_values": digest(_text(paths.PRINTED_VALUES)),
+        "lock": digest(_text(paths.LOCK)),
     }
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ProjectError(f"{relative(path)} is not text in UTF-8") from error
 
 
 def digest(content: Any) -> str:
