@@ -7,7 +7,7 @@ import pytest
 from helpers import SIGMA, scans
 from scipy import stats
 
-from sngr_utils.online import data_association, estimator
+from sngr_utils.online import data_association
 from sngr_utils.online.data_association import DROPPED, Innovations
 from sngr_utils.robust import association
 
@@ -227,23 +227,6 @@ def test_ranges_of_different_scans_may_share_a_landmark():
     data = scans([0, 0], pose_of=[0, 1])
     found = innovations([[7.0, 900.0, 900.0]] * 2)
     assert decide(data, found, exclusive=True).used.tolist() == [0, 0]
-
-
-@pytest.mark.parametrize("present", [True, False])
-def test_a_range_of_an_absent_landmark_says_nothing_of_the_share_of_wrong_labels(present):
-    """Its label can neither hold nor fail; the range of landmark 0 holds its own."""
-    data = scans([0, 1], pose_of=[0, 1], n_landmarks=2)
-    found = innovations([[0.0, 900.0], [900.0, 0.0 if present else np.nan]])
-    belief = SimpleNamespace(
-        data=data, p=0.2, credit=data_association.nowhere(2, 2),
-        landmarks=np.array([[3.0, 4.0], [5.0, 0.0] if present else [np.nan, np.nan]]),
-        covariance=lambda: None, innovations=lambda covariance: found, use=lambda used: True,
-    )  # fmt: skip
-    online = SimpleNamespace(belief=belief, settings=estimator.Settings())
-    assert estimator.Online._credit(online)
-    wrong, right = estimator.P_PRIOR
-    judged = 1 + present  # ranges, all of them right
-    assert belief.p == pytest.approx(wrong / (wrong + right + judged))
 
 
 def test_what_no_known_landmark_explains_came_from_one_that_is_not_in_the_map():
