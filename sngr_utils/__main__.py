@@ -105,6 +105,18 @@ def _study(args) -> int:
     return 0
 
 
+def _estimate(args) -> int:
+    from pathlib import Path
+
+    from sngr_utils import estimate_file
+
+    try:
+        estimate_file.run(Path(args.file), args.out and Path(args.out), args.overwrite)
+    except ValueError as error:
+        raise ProjectError(" ".join(str(error).split())) from error
+    return 0
+
+
 COMMANDS = {
     "check": (_check, "check all parameter files and the claims"),
     "stale": (_stale, "print the make targets that are out of date"),
@@ -117,6 +129,7 @@ COMMANDS = {
     "quick": (_each, "run notebooks with params/quick, into build/quick"),
     "aside": (_each, "run notebooks with their YAML, into build/verify"),
     "refresh": (_each, "store fresh outputs in committed notebooks"),
+    "estimate": (_estimate, "estimate the log of a file, or of a folder of tables"),
     "study": (_study, "make a study that stands outside make paper; takes up what is kept"),
 }
 
@@ -129,6 +142,10 @@ def main(arguments: list[str] | None = None) -> int:
         command = commands.add_parser(name, help=meaning)
         if work is _each:
             command.add_argument("names", nargs="+")
+        if work is _estimate:
+            command.add_argument("file", help=".pyfg, .fg, a Plaza set, or a folder of tables")
+            command.add_argument("--out", help="folder of what is written (default: the file's)")
+            command.add_argument("--overwrite", action="store_true", help="replace what is there")
         if work is _study:
             command.add_argument("name")
             command.add_argument("--jobs", type=int, help="workers (default: all cores, or dask's)")
