@@ -6,6 +6,7 @@ runs in ``sngr_utils/audit.py`` and what it shows in ``sngr_utils/show/audit.py`
 import what stands below it (``make lint`` checks that, see pyproject.toml):
 
 ===================  ===========================================================================
+`estimate_file`      a log from a file, a map into files: the command of python -m
 `show`               what the notebooks show: tables, figures, and what they record
 `bimodal` ...        one helper per notebook: `start_here`, `bimodal`, `trigger_sweep`,
                      `full_sngr`, `cost`, `audit`, `triggers`, `peers`, `association_aware`,

@@ -115,6 +115,18 @@ def _study(args) -> int:
     return 0
 
 
+def _estimate(args) -> int:
+    from pathlib import Path
+
+    from sngr_utils import estimate_file
+
+    try:
+        estimate_file.run(Path(args.file), args.out and Path(args.out), args.overwrite)
+    except ValueError as error:
+        raise ProjectError(" ".join(str(error).split())) from error
+    return 0
+
+
 COMMANDS = {
     "check": (_check, "check all parameter files and the claims"),
     "stale": (_stale, "print the make targets that are out of date"),
@@ -128,6 +140,7 @@ COMMANDS = {
     "aside": (_each, "run notebooks with their YAML, into build/verify"),
     "refresh": (_each, "store fresh outputs in committed notebooks"),
     "why": (_why, "trace a value, table or figure to the cell, parameters and code behind it"),
+    "estimate": (_estimate, "estimate the log of a file, or of a folder of tables"),
     "study": (_study, "make a study that stands outside make paper; takes up what is kept"),
 }
 
@@ -140,6 +153,10 @@ def main(arguments: list[str] | None = None) -> int:
         command = commands.add_parser(name, help=meaning)
         if work is _each:
             command.add_argument("names", nargs="+")
+        if work is _estimate:
+            command.add_argument("file", help=".pyfg, .fg, a Plaza set, or a folder of tables")
+            command.add_argument("--out", help="folder of what is written (default: the file's)")
+            command.add_argument("--overwrite", action="store_true", help="replace what is there")
         if work in (_study, _why):
             command.add_argument("name")
         if work is _study:

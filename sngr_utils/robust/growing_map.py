@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special
+from scipy import optimize, special
 
 from sngr_utils.robust import em
 from sngr_utils.robust.association import log_joint, posterior, residuals
@@ -23,9 +23,9 @@ from sngr_utils.slam.range_loss import LEAST_SQUARES
 from sngr_utils.world.dead_reckoning import dead_reckoning, dead_reckoning_variances
 from sngr_utils.world.log import NO_LABEL, Log
 
-# Searches: ranges that the first prefix has for each landmark, and growth of the number of poses
-# from one prefix to the next. Two that agree are enough.
-SEARCHES = ((40, 1.25), (40, 1.1), (60, 1.1))
+# Searches: whether labels are used, ranges that the first prefix has for each landmark, and growth
+# of the number of poses from one prefix to the next. Two that agree are enough.
+SEARCHES = ((True, 40, 1.25), (False, 60, 1.1), (False, 40, 1.1), (True, 40, 1.1))
 AGREE = 1.0  # nats between two searches that have found the same
 WIDEST, LAST = 3.0, 2.0  # range sigmas that a longer prefix starts with, and a last repair
 STARVING = 0.25  # of the ranges that are promised to a landmark: with less it is started again
@@ -92,13 +92,31 @@ def estimate(log: Log, progress: Callable[[float], None] = lambda share: None) -
 def _search(log: Log, progress: Callable[[float], None]) -> tuple[em.SoftEstimate, list[float]]:
     """The likeliest map that the searches have found, and the scores of all."""
     maps, scores = [], []
-    for i, (per_landmark, growth) in enumerate(SEARCHES):
-        maps.append(grow(log, per_landmark, growth))
-        scores.append(score(log, maps[-1]))
-        progress(0.2 * (i + 1))
+    for i, (labelled, per_landmark, growth) in enumerate(SEARCHES):
+        found = grow(log if labelled else _without_labels(log), per_landmark, growth)
+        if not labelled:
+            found = _fit(log, (found.poses, _named(log, found)), found.calibration, 1.0)
+        maps.append(found)
+        scores.append(score(log, found))
+        progress(0.15 * (i + 1))
         if _found_twice(scores):
             break
     return maps[int(np.argmax(scores))], scores
+
+
+def _without_labels(log: Log) -> Log:
+    return replace(log, label_of=np.full(len(log.ranges), NO_LABEL), label_probabilities=None)
+
+
+def _named(log: Log, soft: em.SoftEstimate) -> np.ndarray:
+    """(K, 2) landmarks in the order in which they agree best with labels; surveyed ones stay."""
+    if np.isfinite(log.landmark_sigmas).any():
+        return soft.landmarks
+    meant = log.label_probabilities
+    if meant is None:
+        meant = log.label_of[:, None] == np.arange(log.n_landmarks)
+    found, names = optimize.linear_sum_assignment(soft.responsibilities.T @ meant, maximize=True)
+    return soft.landmarks[found[np.argsort(names)]]
 
 
 def _found_twice(scores: list[float]) -> bool:

@@ -31,6 +31,7 @@ LEAST = 1e-3  # of the start: no sigma falls below it
 ABSENT = 1e-2  # of the variance of all steps: a source that has less is not there
 STANDING = 1e-2  # of the mean step: a step of no length has some noise all the same
 NUDGE = 0.02  # of the logarithm of a sigma, by which the curvature is taken
+UNHELD = 3.0  # relative error of a sigma that the data do not hold
 POLICY = chain_solver.CERES._replace(damping=1e-12)  # a start that is nearly there
 
 
@@ -60,16 +61,20 @@ class Noise:
 
     @cached_property
     def errors(self) -> dict[str, float]:
-        """Relative standard error of each sigma; infinite for what is not there."""
+        """Relative standard error of each sigma; infinite for what is not there.
+
+        It is never more than `UNHELD`, which says that the data do not hold the sigma.
+        """
         found = np.flatnonzero(self.present)
         rows = []
         for i in found:
             step = np.where(np.arange(len(self.present)) == i, NUDGE, 0.0)
             slopes = [self._likelihood.slope(self.logarithms + sign * step) for sign in (1, -1)]
             rows.append((slopes[0] - slopes[1])[found] / (2 * NUDGE))
-        covariance = np.linalg.pinv(-0.5 * (np.array(rows) + np.transpose(rows)))
+        curvatures, axes = np.linalg.eigh(-0.5 * (np.array(rows) + np.transpose(rows)))
+        variances = axes**2 @ (1 / np.maximum(curvatures, UNHELD**-2))
         errors = np.full(len(self.present), np.inf)
-        errors[found] = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+        errors[found] = np.sqrt(variances)
         return dict(zip([*SOURCES, RANGE], errors.tolist(), strict=True))
 
 
@@ -91,9 +96,15 @@ def estimate(
     poses, landmarks : (T, 3) and (K, 2), an estimate to start from
     weights : (M, K) how much each range counts as one of each landmark
 
+    Raises
+    ------
+    ValueError : fewer than three poses
+
     Source: Patterson, Thompson, Biometrika 58, 1971, on variances with what is estimated beside
     them integrated out; MacKay, Neural Computation 4, 1992, on the rounds.
     """
+    if log.n_poses < 3:
+        raise ValueError(f"{log.n_poses} poses: noise needs three")
     likelihood = Likelihood(log, poses, landmarks, weights, landmark_prior_sigma)
     at = start = likelihood.start()
     for _ in range(ROUNDS):
@@ -149,14 +160,17 @@ class Likelihood:
         """Logarithms of sigmas that share alike what the log gives."""
         given = self.log.odometry_covariances.sum(axis=0)
         total = self.shapes.sum(axis=1)
-        position = [(given[0, 0] + given[1, 1]) / 4 / total[i, 0, 0] for i in (0, 1)]
-        turned = np.maximum(total[2:, 2, 2], np.finfo(float).tiny)
-        return np.append(0.5 * np.log([*position, *(given[2, 2] / 3 / turned)]), 0.0)
+        shared = np.array([(given[0, 0] + given[1, 1]) / 4] * 2 + [given[2, 2] / 3] * 3)
+        total = np.append(total[:2, 0, 0], total[2:, 2, 2])
+        # what no step has, because none turns, say, is left with no noise
+        return np.append(
+            0.5 * np.log(np.where(total > 0, shared / np.where(total > 0, total, 1), 1e-30)), 0.0
+        )
 
     def present(self, sigmas: np.ndarray) -> np.ndarray:
         """(C+1,) whether a source has a share in the variance of position or heading."""
         traces = np.exp(2 * sigmas[:-1, None]) * np.diagonal(self.shapes.sum(axis=1), 0, 1, 2)
-        shares = traces / traces.sum(axis=0)
+        shares = traces / np.maximum(traces.sum(axis=0), np.finfo(float).tiny)
         return np.append(shares.max(axis=1) > ABSENT, True)
 
     def log_at(self, sigmas: np.ndarray) -> Log:

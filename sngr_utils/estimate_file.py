@@ -1,0 +1,130 @@
+"""What ``python -m sngr_utils estimate FILE`` does: a log from a file, a map into files."""
+
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from sngr_utils.files import formats, tum
+from sngr_utils.files.recording import Recording
+from sngr_utils.metrics.alignment import aligned_errors, rigid
+from sngr_utils.robust import growing_map
+from sngr_utils.robust.growing_map import GrownMap
+from sngr_utils.slam.noise_estimation import RANGE, SOURCES
+from sngr_utils.world.dead_reckoning import dead_reckoning
+from sngr_utils.world.log import LogWarning
+
+BAR = 40  # characters of the progress bar
+
+
+def run(path: Path, out: Path | None, overwrite: bool) -> None:
+    """Estimate the log of a file; print a summary, write a trajectory and a picture.
+
+    Parameters
+    ----------
+    path : of a file or a folder that `formats.read` can read
+    out : folder of what is written, made if need be; None for beside the input
+    overwrite : whether files that are there may be replaced
+
+    Raises
+    ------
+    ValueError : one line that says what is wrong, before any long work where it can be known
+    """
+    with warnings.catch_warnings(record=True) as odd:
+        warnings.simplefilter("always", LogWarning)
+        recording = formats.read(path)
+    for text in dict.fromkeys(str(warning.message) for warning in odd):
+        print(f"warning: {text}", file=sys.stderr)
+    trajectory, image = _places(path, out, overwrite)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LogWarning)  # said above
+        grown = growing_map.estimate(recording.log, _bar if sys.stderr.isatty() else _silent)
+    print("\n".join(summary(recording, grown)))
+    try:
+        tum.write(trajectory, recording.log.times, grown.soft.poses)
+        _draw(image, recording, grown)
+    except OSError as error:
+        raise ValueError(f"{error.filename or trajectory}: {error.strerror}") from None
+    print(f"written: {trajectory}\nwritten: {image}")
+
+
+def summary(recording: Recording, grown: GrownMap) -> list[str]:
+    """Lines on what was found, and on whether it can be trusted."""
+    log, soft, noise = recording.log, grown.soft, grown.noise
+    lines = [f"{log.n_poses} poses, {len(log.ranges)} ranges, {log.n_landmarks} landmarks"]
+    covariance = noise.estimate.covariance.landmarks
+    for k, name in enumerate(recording.landmark_names):
+        sigma = np.sqrt(np.trace(covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]) / 2)
+        x, y = soft.landmarks[k]
+        lines.append(f"landmark {name} at {x:.2f}, {y:.2f} m, +- {sigma:.2f} m")
+    for name, value, sigma in _calibration(grown):
+        lines.append(f"{name} {value:.4f} +- {sigma:.4f}")
+    errors = noise.errors
+    found = float(np.median(noise.log.range_sigmas))
+    lines.append(f"range sigma {found:.3g} m +- {errors[RANGE]:.0%}")
+    for name, unit in SOURCES.items():
+        if noise.sigmas[name]:
+            error = min(errors[name], 1.0)  # more than all of it is no number
+            lines.append(f"odometry, {name}: {noise.sigmas[name]:.2g} {unit} +- {error:.0%}")
+    lines.append(
+        f"{soft.shares.wrong:.1%} of the labels are wrong, {soft.shares.clutter:.1%} of the ranges "
+        f"are from no landmark; of those held out {grown.unexplained:.1%}"
+    )
+    truth = recording.truth
+    if truth is not None and truth.poses is not None:
+        apart = aligned_errors(soft.poses[:, :2], truth.poses[:, :2])
+        lines.append(f"aligned RMSE against the truth {np.sqrt((apart**2).sum(1).mean()):.3f} m")
+    lines += [f"IT MAY BE WRONG: {doubt}" for doubt in grown.doubts]
+    return lines + ["nothing speaks against it"] * (not grown.doubts)
+
+
+def _calibration(grown: GrownMap) -> list[tuple[str, float, float]]:
+    """Range scale and offset as far as they are estimated, with their sigmas."""
+    estimated = np.flatnonzero(grown.soft.chain.columns >= 0)
+    sigmas = np.sqrt(np.diagonal(grown.noise.estimate.calibration_covariance))
+    names = ("range scale", "range offset [m]")
+    return [
+        (names[i], grown.soft.calibration[i], sigma)
+        for i, sigma in zip(estimated, sigmas, strict=True)
+    ]
+
+
+def _places(path: Path, out: Path | None, overwrite: bool) -> tuple[Path, Path]:
+    """Where trajectory and picture go."""
+    name = "estimate" if path.is_dir() else f"{path.stem}_estimate"
+    folder = out or (path if path.is_dir() else path.parent)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"{folder}: {error.strerror}") from None
+    found = folder / f"{name}.tum", folder / f"{name}.png"
+    for there in found:
+        if there.exists() and not overwrite:
+            raise ValueError(f"{there} is there already: --overwrite replaces it, --out goes round")
+    return found
+
+
+def _draw(path: Path, recording: Recording, grown: GrownMap) -> None:
+    from sngr_utils.show import grown_map
+
+    log, soft, truth = recording.log, grown.soft, recording.truth
+    true = None
+    if truth is not None and truth.poses is not None:
+        rotation, shift = rigid(truth.poses[:, :2], soft.poses[:, :2])
+        true = truth.poses[:, :2] @ rotation.T + shift
+    reckoned = dead_reckoning(log.x0_mean, log.odometry)
+    fig = grown_map.picture(soft.poses, soft.landmarks, reckoned, true, grown.doubts)
+    fig.savefig(path)
+
+
+def _bar(share: float) -> None:
+    done = round(BAR * share)
+    end = "\n" if share >= 1 else ""
+    print(
+        f"\r[{'#' * done}{'.' * (BAR - done)}] {share:4.0%}", end=end, file=sys.stderr, flush=True
+    )
+
+
+def _silent(share: float) -> None:
+    pass

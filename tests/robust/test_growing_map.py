@@ -1,0 +1,92 @@
+"""A map from a log of which little is known, and what it says of itself."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sngr_utils.metrics.alignment import aligned_errors
+from sngr_utils.robust import growing_map
+from sngr_utils.world.dead_reckoning import dead_reckoning
+from sngr_utils.world.log import NO_LABEL
+from sngr_utils.world.scenario import Scenario
+from sngr_utils.world.simulation import simulate
+
+
+def a_log(p, n_poses=40, seed=100):
+    scenario = Scenario(n_poses=n_poses, n_landmarks=3)
+    world = simulate(scenario, p, rng=np.random.default_rng(seed))
+    return world, world.log([0.01, 0.01, 0.001])
+
+
+@pytest.fixture(scope="module")
+def right():
+    """A log with right labels, its world, and its map."""
+    world, log = a_log(0.0)
+    return world, log, growing_map.estimate(log)
+
+
+def rmse(poses, world):
+    return np.sqrt(np.mean(np.sum(aligned_errors(poses[:, :2], world.poses[:, :2]) ** 2, axis=1)))
+
+
+def test_a_map_of_right_labels_has_no_doubts_and_beats_dead_reckoning(right):
+    world, log, grown = right
+    assert grown.doubts == []
+    assert grown.unexplained < 0.02
+    assert rmse(grown.soft.poses, world) < 0.1  # the sigma of one range
+    assert rmse(dead_reckoning(log.x0_mean, log.odometry), world) > 0.15
+
+
+def test_stretched_ranges_are_found_out(right):
+    world, log, grown = right
+    stretched = replace(log, ranges=1.1 * log.ranges, scale=(1.0, np.inf))
+    again = growing_map.estimate(stretched)
+    sigma = np.sqrt(again.noise.estimate.calibration_covariance[0, 0])
+    assert abs(again.soft.calibration[0] - 1.1) < 4 * sigma  # 1 in 15,000
+    assert sigma < 0.03
+    assert rmse(again.soft.poses, world) < 1.5 * rmse(grown.soft.poses, world)
+
+
+@pytest.mark.parametrize("p", [0.3, None])
+def test_wrong_labels_and_none_cost_little(right, p):
+    world, log, grown = right
+    labels = np.full(len(log.ranges), NO_LABEL) if p is None else a_log(p)[0].label_of
+    again = growing_map.estimate(replace(log, label_of=labels))
+    assert rmse(again.soft.poses, world) < 1.3 * rmse(grown.soft.poses, world)
+
+
+def test_a_map_named_otherwise_gets_its_names_from_the_labels(right):
+    _, log, grown = right
+    mixed = replace(
+        grown.soft, landmarks=grown.soft.landmarks[[2, 0, 1]],
+        weights=grown.soft.weights[:, [2, 0, 1, 3]],
+    )  # fmt: skip
+    np.testing.assert_array_equal(growing_map._named(log, mixed), grown.soft.landmarks)
+
+
+def test_each_reason_to_doubt_is_said(right):
+    _, log, grown = right
+    soft, count = grown.soft, len(log.ranges)
+    assert growing_map._doubts(log, soft, [0.0, -0.5], 0.0) == []
+    assert "2 searches" in growing_map._doubts(log, soft, [0.0, -5.0], 0.0)[0]
+    assert "20% of held-out" in growing_map._doubts(log, soft, [0.0, 0.0], 0.2)[0]
+    second = np.arange(count) >= count // 2
+    clutter = replace(soft, weights=np.where(second[:, None], [0.0, 0, 0, 1], soft.weights))
+    assert "in stretches" in growing_map._doubts(log, clutter, [0.0, 0.0], 0.0)[0]
+    lost = replace(soft, weights=soft.weights * [1, 0, 1, 1])
+    assert "landmarks [1] have hardly" in growing_map._doubts(log, lost, [0.0, 0.0], 0.0)[0]
+
+
+def test_clutter_in_a_stretch_is_uneven_and_clutter_by_chance_is_not():
+    rng = np.random.default_rng(100)
+    by_chance = (rng.random(4000) < 0.3).astype(float)
+    assert growing_map._unevenness(by_chance) < growing_map.MOST_UNEVEN
+    assert growing_map._unevenness(np.sort(by_chance)) > growing_map.MOST_UNEVEN
+    assert growing_map._unevenness(np.zeros(4000)) == 0
+
+
+def test_a_log_without_ranges_is_refused():
+    _, log = a_log(0.0)
+    with pytest.raises(ValueError, match="nothing to estimate"):
+        growing_map.estimate(log.keep(np.zeros(len(log.ranges), bool)))
