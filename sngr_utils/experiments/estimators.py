@@ -17,10 +17,11 @@ from sngr_utils.metrics import rmse_and_nees, summaries
 from sngr_utils.robust import em, fastslam, losses, max_mixtures, switchable_constraints
 from sngr_utils.sampling import engines
 from sngr_utils.sampling.settings import SamplerSettings
-from sngr_utils.slam import isam2, landmark_starts, marginals, selected_inverse
+from sngr_utils.slam import chain_solver, isam2, landmark_starts, marginals, selected_inverse
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.sngr import algorithm, gate, refine, trigger
 from sngr_utils.world import dead_reckoning, simulation
+from sngr_utils.world.log import Log
 from sngr_utils.world.scenario import Scenario
 
 STARTS = landmark_starts.STARTS
@@ -104,10 +105,6 @@ def _from(
     rng: np.random.Generator,
 ) -> Estimate:
     """The estimate of `method` from poses and landmarks to start from."""
-    if method in ("em", "em_exclusive"):
-        log, exclusive = the_world.log(conventions.x0_sigmas), method == "em_exclusive"
-        soft = em.fit(log, conventions, start, exclusive=exclusive, clutter=False)
-        return Estimate(soft.poses, soft.landmarks, soft.position_covariances)
     if method == "fastslam":
         found = fastslam.run(the_world, conventions, particles, rng=rng)
         covariances = found.position_covariances(conventions.x0_sigmas)
@@ -116,16 +113,26 @@ def _from(
         return _sngr(the_world, conventions, rng)
     if method == "isam2":
         solution = isam2.run_isam2(the_world, conventions)
-    elif method == "switchable":
-        solution = switchable_constraints.solve(the_world, conventions, start)
-    elif method.startswith("max_mixture_"):
-        components = method.removeprefix("max_mixture_")
-        solution = max_mixtures.solve(the_world, conventions, start, components)
-    else:  # without a landmark, least squares is dead reckoning
-        loss = "least_squares" if method in ("dead_reckoning", "oracle") else method
-        solution = losses.solve(the_world, conventions, loss, start)
-    covariances = marginals.position_covariances(solution, "world")
-    return Estimate(solution.poses, solution.landmarks, covariances)
+        covariances = marginals.position_covariances(solution, "world")
+        return Estimate(solution.poses, solution.landmarks, covariances)
+    found = _batch(the_world.log(conventions.x0_sigmas), conventions, method, start)
+    return Estimate(found.poses, found.landmarks, found.position_covariances)
+
+
+def _batch(
+    log: Log, conventions: Conventions, method: str, start: losses.Estimate
+) -> em.SoftEstimate | chain_solver.Estimate:
+    """What a method that takes all data at once makes of a log."""
+    if method in ("em", "em_exclusive"):
+        exclusive = method == "em_exclusive"
+        return em.fit(log, conventions, start, exclusive=exclusive, clutter=False)
+    if method == "switchable":
+        return switchable_constraints.solve(log, conventions, start)[0]
+    if method.startswith("max_mixture_"):
+        return max_mixtures.solve(log, conventions, start, method.removeprefix("max_mixture_"))
+    # without a landmark, least squares is dead reckoning
+    loss = "least_squares" if method in ("dead_reckoning", "oracle") else method
+    return losses.solve(log, conventions, loss, start)
 
 
 def _sngr(

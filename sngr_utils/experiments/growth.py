@@ -7,10 +7,9 @@ import gtsam
 import numpy as np
 
 from sngr_utils.experiments.engine_bench import FactorLoop, spread_evenly, timed
-from sngr_utils.robust import losses
 from sngr_utils.slam import selected_inverse
 from sngr_utils.slam.conventions import Conventions
-from sngr_utils.slam.factors import sure_factors
+from sngr_utils.slam.factors import range_factors, sure_factors
 from sngr_utils.slam.isam2 import run_isam2
 from sngr_utils.slam.marginals import gtsam_marginals, joint_covariance
 from sngr_utils.slam.solution import Solution, values_of
@@ -131,7 +130,7 @@ def selected_inverse_at_truth(the_world: World, conventions: Conventions) -> np.
 def _solution_at_truth(the_world: World, conventions: Conventions) -> Solution:
     """The whole graph with the truth for its estimate; no iSAM2."""
     factors = sure_factors(the_world, conventions, the_world.landmarks)
-    factors.push_back(losses.range_factors(the_world, the_world.landmarks, "least_squares"))
+    factors.push_back(range_factors(the_world))
     values = values_of(the_world.poses, the_world.landmarks)
     return Solution(
         gtsam.ISAM2(), factors, values, the_world.n_poses, the_world.n_landmarks

@@ -2,20 +2,14 @@
 
 from dataclasses import dataclass
 
-import gtsam
 import numpy as np
 from scipy import stats
 
-from sngr_utils.robust import (
-    association,
-    em,
-    graduated_non_convexity,
-    max_mixtures,
-    switchable_constraints,
-)
-from sngr_utils.robust.losses import GNC_SQUARED
+from sngr_utils.robust import association, em, max_mixtures, switchable_constraints
+from sngr_utils.robust.losses import GNC_SQUARED, LOSSES
 from sngr_utils.settings import READING
 from sngr_utils.slam.conventions import PRESETS
+from sngr_utils.slam.range_loss import GEMAN_MCCLURE, Loss, rho, weight
 from sngr_utils.world import simulation
 from sngr_utils.world.scenario import Scenario
 
@@ -26,20 +20,12 @@ def kernels(residuals: np.ndarray, scenario: Scenario) -> dict[str, tuple[np.nda
     """Loss [nats] and weight of a whitened residual, method -> two (N,) arrays.
 
     The weight is that of the range in the least-squares problem whose minimum is the same.
-    GTSAM's own, where it has them; the null hypothesis is as wide as the landmarks' square.
+    The null hypothesis is as wide as the landmarks' square.
     """
-    estimators_of = gtsam.noiseModel.mEstimator
-    losses = {
-        "huber": estimators_of.Huber.Create(graduated_non_convexity.HUBER_K),
-        "cauchy": estimators_of.Cauchy.Create(graduated_non_convexity.CAUCHY_K),
-        "dcs": estimators_of.DCS.Create(graduated_non_convexity.DCS_PHI),
-        "geman_mcclure": estimators_of.GemanMcClure.Create(graduated_non_convexity.GEMAN_MCCLURE_C),
-        "switchable": estimators_of.GemanMcClure.Create(1 / switchable_constraints.SWITCH_SIGMA),
-    }
-    square = 0.5 * residuals**2
-    found = {"least_squares": (square, np.ones(len(residuals)))}
-    for name, loss in losses.items():
-        found[name] = tuple(np.array([f(r) for r in residuals]) for f in (loss.loss, loss.weight))
+    switch = Loss(GEMAN_MCCLURE, 1 / switchable_constraints.SWITCH_SIGMA)
+    found, square = {}, 0.5 * residuals**2
+    for name, loss in {**LOSSES, "switchable": switch}.items():
+        found[name] = tuple(np.array([f(loss, r) for r in residuals]) for f in (rho, weight))
     inside = residuals**2 < GNC_SQUARED
     found["gnc_tls"] = np.minimum(square, GNC_SQUARED / 2), inside.astype(float)
     ratio = scenario.landmark_half_width / scenario.range_sigma
@@ -102,7 +88,7 @@ def ambiguous(scenario: Scenario, p: float, seed: int) -> Ambiguous:
         for exclusive in (False, True)
     )
     m = int(np.argmax(stats.entropy(alone, axis=1)))
-    best, _ = max_mixtures.choose_landmark(the_world, *at[1:])
+    best, _ = max_mixtures.choose_landmark(*at)
     prior = np.exp(association.log_prior(log, found.shares))[:, :-1]
     hard = np.eye(the_world.n_landmarks)
     beliefs = {

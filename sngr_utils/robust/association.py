@@ -6,17 +6,19 @@ distances that posterior is a softmax, range by range; if the ranges of one scan
 different landmarks, it is a sum over all matchings of the scan.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy import special
 
-from sngr_utils.robust.mutual_exclusion import exclusive_posterior
+from sngr_utils.numerics.jit import compile_once
+from sngr_utils.robust import mutual_exclusion
 from sngr_utils.world.log import NO_LABEL, Log
 
 JEFFREYS = (0.5, 0.5)  # wrong and right labels that count as seen before the first
 RARE = (0.5, 9.5)  # ranges from no landmark, and from one: one in twenty, and hardly known
 NEGLIGIBLE = 1e-3  # responsibilities below it count for nothing
+ROUNDING = 1e-12  # of chances that sum to one
 
 
 class Shares(NamedTuple):
@@ -39,25 +41,46 @@ def log_prior(log: Log, shares: Shares) -> np.ndarray:
     Label probabilities say which landmark the label may mean, and what they leave over is for
     none.
     """
-    meant, wrong = _meant(log), shares.wrong if log.n_landmarks > 1 else 0.0
-    total = meant.sum(axis=1, keepdims=True)
-    source = (1 - wrong) * meant + wrong * (total - meant) / max(log.n_landmarks - 1, 1)
-    none = shares.clutter + (1 - shares.clutter) * np.maximum(1 - total, 0)
     with np.errstate(divide="ignore"):
-        return np.log(np.hstack([(1 - shares.clutter) * source, none]))
+        return np.log(_prior(_meant(log), *shares))
 
 
 def _meant(log: Log) -> np.ndarray:
     """(M, K) probability of each landmark to be the one that the label means."""
     if log.label_probabilities is not None:
         return log.label_probabilities
-    meant = np.full((len(log.ranges), log.n_landmarks), 1 / max(log.n_landmarks, 1))
-    labelled = log.label_of != NO_LABEL
-    meant[labelled] = np.eye(log.n_landmarks)[log.label_of[labelled]]
+    return _of_labels(log.label_of, log.n_landmarks)
+
+
+@compile_once
+def _of_labels(label_of, k):
+    """(M, K) rows with a one; without a label all alike."""
+    meant = np.zeros((len(label_of), k))
+    for m in range(len(meant)):
+        if label_of[m] == NO_LABEL:
+            meant[m] = 1 / k
+        else:
+            meant[m, label_of[m]] = 1.0
     return meant
 
 
-def posterior(log_weights: np.ndarray) -> np.ndarray:
+@compile_once
+def _prior(meant, wrong, clutter):
+    """(M, K+1) probability of each source, see `log_prior`."""
+    n, k = meant.shape
+    prior = np.empty((n, k + 1))
+    for m in range(n):
+        total = meant[m].sum()
+        for j in range(k):
+            other = (total - meant[m, j]) / (k - 1) if k > 1 else meant[m, j]
+            prior[m, j] = (1 - clutter) * ((1 - wrong) * meant[m, j] + wrong * other)
+        left = 1 - total if total < 1 - ROUNDING else 0.0
+        prior[m, k] = clutter + (1 - clutter) * left
+    return prior
+
+
+@compile_once
+def posterior(log_weights):
     """(N, K+1) posterior of each range over K landmarks and "none of these", each on its own.
 
     Parameters
@@ -65,7 +88,15 @@ def posterior(log_weights: np.ndarray) -> np.ndarray:
     log_weights : (N, K+1) log of prior times likelihood, the last column that of "none"; -inf
         for what cannot be, but not all along a row
     """
-    return special.softmax(log_weights, axis=1)
+    found = np.empty(log_weights.shape)
+    for m in range(len(found)):
+        largest, total = log_weights[m].max(), 0.0
+        for k in range(found.shape[1]):
+            found[m, k] = math.exp(log_weights[m, k] - largest)
+            total += found[m, k]
+        for k in range(found.shape[1]):
+            found[m, k] /= total
+    return found
 
 
 def responsibilities(
@@ -85,12 +116,56 @@ def responsibilities(
     exclusive : no two ranges of a scan come from the same landmark
     calibration : as for `residuals`
     """
-    found = residuals(log, poses, landmarks, calibration)
-    variances = np.broadcast_to((width * log.range_sigmas[:, None]) ** 2, found.shape)
-    log_weights = log_joint(log, found, variances, shares)
-    if not exclusive:
-        return posterior(log_weights)
-    return exclusive_posterior(log_weights, log.pose_of)
+    at = (
+        np.ascontiguousarray(poses),
+        np.ascontiguousarray(landmarks),
+        _calibration(log, calibration),
+    )
+    found, too_many = sources(model_of(log, exclusive), *at, *shares, width)
+    mutual_exclusion.warn(too_many)
+    return found
+
+
+class Model(NamedTuple):
+    """What compiled code knows of the sources of M ranges.
+
+    Attributes
+    ----------
+    meant : (M, K) probability of each landmark to be the one that the label means
+    judged : (M,) bool, whether there is a label, which can be right or wrong
+    pose_of, ranges, sigmas : (M,) int, [m] and [m]
+    longest : the longest range, [m]
+    ends : (S,) int, behind the last range of each scan; empty where there is no exclusion
+    """
+
+    meant: np.ndarray
+    judged: np.ndarray
+    pose_of: np.ndarray
+    ranges: np.ndarray
+    sigmas: np.ndarray
+    longest: float
+    ends: np.ndarray
+
+
+def model_of(log: Log, exclusive: bool) -> Model:
+    """The model of a log's ranges."""
+    ends = mutual_exclusion.ends_of(len(log.ranges), log.pose_of)
+    judged = (log.label_of != NO_LABEL) | (log.label_probabilities is not None)
+    measured = log.pose_of, log.ranges, log.range_sigmas, _longest(log)
+    return Model(_meant(log), judged, *measured, ends if exclusive else ends[:0])
+
+
+@compile_once
+def sources(model, poses, landmarks, calibration, wrong, clutter, width):
+    """`responsibilities`, and in how many scans exclusion was given up."""
+    found = _residuals(model.pose_of, model.ranges, poses, landmarks, calibration)
+    variances = np.empty(found.shape)
+    for m in range(len(found)):
+        variances[m] = (width * model.sigmas[m]) ** 2
+    joint = _log_joint(model.meant, found, variances, wrong, clutter, model.longest)
+    if len(model.ends):
+        return mutual_exclusion.matched(joint, model.ends)
+    return posterior(joint), 0
 
 
 def residuals(
@@ -102,9 +177,25 @@ def residuals(
     ----------
     calibration : (2,) range scale, and offset [m]; None for the means of the log's
     """
-    scale, offset = (log.scale[0], log.offset[0]) if calibration is None else calibration
-    distances = np.linalg.norm(landmarks - poses[log.pose_of, None, :2], axis=2)
-    return log.ranges[:, None] - (scale * distances + offset)
+    places = np.ascontiguousarray(poses), np.ascontiguousarray(landmarks)
+    return _residuals(log.pose_of, log.ranges, *places, _calibration(log, calibration))
+
+
+def _calibration(log: Log, calibration: np.ndarray | None) -> np.ndarray:
+    return np.array([log.scale[0], log.offset[0]]) if calibration is None else calibration
+
+
+@compile_once
+def _residuals(pose_of, ranges, poses, landmarks, calibration):
+    """See `residuals`."""
+    found = np.empty((len(ranges), len(landmarks)))
+    for m in range(len(ranges)):
+        t = pose_of[m]
+        for k in range(len(landmarks)):
+            dx, dy = landmarks[k, 0] - poses[t, 0], landmarks[k, 1] - poses[t, 1]
+            expected = calibration[1] + calibration[0] * math.sqrt(dx * dx + dy * dy)
+            found[m, k] = ranges[m] - expected
+    return found
 
 
 def log_joint(log: Log, residuals: np.ndarray, variances: np.ndarray, shares: Shares) -> np.ndarray:
@@ -118,18 +209,29 @@ def log_joint(log: Log, residuals: np.ndarray, variances: np.ndarray, shares: Sh
     ----------
     residuals, variances : (M, K), [m] and [m^2]
     """
-    joint = log_prior(log, shares)
-    absent = np.append(np.isnan(residuals).all(axis=0), True)
-    elsewhere = special.logsumexp(joint[:, absent], axis=1) - np.log(_longest(log))
-    joint[:, :-1] -= 0.5 * (residuals**2 / variances + np.log(2 * np.pi * variances))
-    joint[:, absent] = -np.inf
-    joint[:, -1] = elsewhere
-    return joint
+    variances = np.ascontiguousarray(variances)
+    return _log_joint(_meant(log), residuals, variances, *shares, _longest(log))
 
 
 def _longest(log: Log) -> float:
     """The longest range, [m]; of no matter if there is none."""
     return float(log.ranges.max(initial=np.finfo(float).tiny))
+
+
+@compile_once
+def _log_joint(meant, residuals, variances, wrong, clutter, longest):
+    """See `log_joint`."""
+    joint = _prior(meant, wrong, clutter)
+    for m in range(len(joint)):
+        for k in range(residuals.shape[1]):
+            if math.isnan(residuals[m, k]):
+                joint[m, -1] += joint[m, k]
+                joint[m, k] = -math.inf
+            else:
+                peak = joint[m, k] / math.sqrt(2 * math.pi * variances[m, k])
+                joint[m, k] = math.log(peak) - 0.5 * residuals[m, k] ** 2 / variances[m, k]
+        joint[m, -1] = math.log(joint[m, -1] / longest)
+    return joint
 
 
 def estimate_shares(
@@ -152,21 +254,26 @@ def estimate_shares(
     shares : with which the weights were found
     prior : wrong and right labels that count as seen beforehand
     """
-    chances = np.exp(log_prior(log, shares))
-    none = np.append(np.isnan(landmarks[:, 0]), True)
-    split = chances[:, none] / np.maximum(chances[:, none].sum(axis=1, keepdims=True), 1e-300)
-    sources = weights.copy()
-    sources[:, none] = weights[:, -1:] * split
-    judged = (log.label_of != NO_LABEL) | (log.label_probabilities is not None)
-    from_landmark = sources[judged, :-1]
-    right = (1 - shares.wrong) * (1 - shares.clutter) * _meant(log)[judged]
-    right = np.sum(from_landmark * right / np.maximum(chances[judged, :-1], 1e-300))
-    wrong = _mean(from_landmark.sum() - right, from_landmark.sum(), prior)
-    if shares.clutter == 0:
-        return Shares(wrong, 0.0)
-    return Shares(wrong, _mean(sources[:, -1].sum(), len(sources), RARE))
+    model = model_of(log, exclusive=False)
+    return Shares(*updated(model, weights, np.ascontiguousarray(landmarks), *shares, prior))
 
 
-def _mean(count: float, total: float, prior: tuple[float, float]) -> float:
-    """Posterior mean of a share under a Beta prior."""
-    return float((prior[0] + count) / (sum(prior) + total))
+@compile_once
+def updated(model, weights, landmarks, wrong, clutter, prior):
+    """`estimate_shares`: of wrong labels, and of clutter."""
+    n, k = model.meant.shape
+    right, total, nobody, chances = 0.0, 0.0, 0.0, _prior(model.meant, wrong, clutter)
+    for m in range(n):
+        none = chances[m, k]
+        for j in range(k):
+            none += chances[m, j] if math.isnan(landmarks[j, 0]) else 0.0
+        share = weights[m, k] / none if none > 0.0 else 0.0
+        nobody += share * chances[m, k]
+        for j in range(k if model.judged[m] else 0):
+            source = share * chances[m, j] if math.isnan(landmarks[j, 0]) else weights[m, j]
+            if chances[m, j] > 0.0:
+                meant = model.meant[m, j] * (1 - clutter) * (1 - wrong if k > 1 else 1.0)
+                total += source
+                right += source * meant / chances[m, j]
+    share = (RARE[0] + nobody) / (RARE[0] + RARE[1] + n) if clutter > 0.0 else 0.0
+    return (prior[0] + total - right) / (prior[0] + prior[1] + total), share

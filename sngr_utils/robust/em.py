@@ -8,16 +8,19 @@ from functools import cached_property
 
 import numpy as np
 
-from sngr_utils.robust import louis_covariance
+from sngr_utils.numerics.jit import compile_once
+from sngr_utils.robust import louis_covariance, mutual_exclusion
 from sngr_utils.robust.association import (
     JEFFREYS,
     NEGLIGIBLE,
     RARE,
     Shares,
-    estimate_shares,
-    responsibilities,
+    model_of,
+    sources,
+    updated,
 )
 from sngr_utils.slam import chain_problem, chain_solver, information, landmark_starts
+from sngr_utils.slam.chain_cost import State
 from sngr_utils.slam.chain_problem import Chain
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.range_loss import LEAST_SQUARES
@@ -111,24 +114,31 @@ def fit(
     ICRA 2017; annealing: Ueda, Nakano, Neural Networks 11, 1998.
     """
     chain = chain_problem.of_log(log, start[1], conventions.landmark_prior_sigma)
-    at, width = chain_solver.state_of(chain, *start), widest
-    shares = Shares(JEFFREYS[0] / sum(JEFFREYS), RARE[0] / sum(RARE) if clutter else 0.0)
-    for _ in range(ITERATIONS):
-        places = at.frames[:, :2].copy()
-        weights = responsibilities(
-            log, places, at.landmarks, shares, width, exclusive, at.calibration
+    first = RARE[0] / sum(RARE) if clutter else 0.0
+    at, weights, *shares, given_up = _alternate(
+        chain, model_of(log, exclusive), chain_solver.state_of(chain, *start), first, widest
+    )
+    mutual_exclusion.warn(given_up)
+    poses = information.poses_of(at.frames)
+    return SoftEstimate(poses, at.landmarks, at.calibration, weights, Shares(*shares), chain)
+
+
+@compile_once
+def _alternate(chain, model, at, clutter, width):
+    """`fit`: the estimate, the sources of the ranges, the shares, and scans without exclusion."""
+    wrong = JEFFREYS[0] / (JEFFREYS[0] + JEFFREYS[1])
+    for n in range(ITERATIONS):
+        before = at.frames.copy()
+        weights, given_up = sources(
+            model, at.frames, at.landmarks, at.calibration, wrong, clutter, width
         )
-        shares = estimate_shares(log, weights, at.landmarks, shares)
-        problem = chain_problem.weighted(chain, weights[:, :-1], width, NEGLIGIBLE)
-        at = _minimise(problem, at)
-        moved = np.abs(at.frames[:, :2] - places).max()
-        if width == 1.0 and moved < SETTLED:
+        wrong, clutter = updated(model, weights, at.landmarks, wrong, clutter, JEFFREYS)
+        problem = chain_problem.weighted(chain, weights, width, NEGLIGIBLE)
+        residuals = np.empty(len(problem.ranges))
+        at = State(at.frames, at.landmarks, at.calibration, residuals)
+        at = chain_solver.minimise(problem, LEAST_SQUARES, chain_solver.CERES, at)[0]
+        moved = np.abs(at.frames[:, :2] - before[:, :2]).max()
+        if n == ITERATIONS - 1 or (width == 1.0 and moved < SETTLED):
             break
         width = max(1.0, COOLING * width)
-    poses = information.poses_of(at.frames)
-    return SoftEstimate(poses, at.landmarks, at.calibration, weights, shares, chain)
-
-
-def _minimise(problem: Chain, at: chain_solver.State) -> chain_solver.State:
-    at = at._replace(residuals=np.empty(len(problem.ranges)))
-    return chain_solver.minimise(problem, LEAST_SQUARES, chain_solver.CERES, at)[0]
+    return at, weights, wrong, clutter, given_up

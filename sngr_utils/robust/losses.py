@@ -1,33 +1,29 @@
-"""Batch estimates of the same graph under robust losses: what SNGR is to be compared with.
+"""Batch estimates under robust losses: what SNGR is to be compared with.
 
-Each world holds one set of odometry and ranges; `estimate` gives every method exactly these.
-The range factors carry the loss, for they alone can be attached to a wrong landmark; the x0
-prior, the odometry and the weak landmark priors stay quadratic. Tuning constants are those of
-the literature for residuals of unit variance, never fitted to these worlds.
+A log holds one set of odometry and ranges; every method is given exactly these. The ranges carry
+the loss, for they alone can be attached to a wrong landmark; the x0 prior, the odometry and the
+weak landmark priors stay quadratic. Tuning constants are those of the literature for residuals
+of unit variance, never fitted to these worlds.
 """
 
 from dataclasses import replace
 
-import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import L, X
 from scipy import stats
 
-from sngr_utils.robust.graduated_non_convexity import (
-    CAUCHY_K,
-    DCS_PHI,
-    GEMAN_MCCLURE_C,
-    HUBER_K,
-    INLIER_QUANTILE,
-    graduated,
-    reweighted,
-)
+from sngr_utils.slam import chain_problem, chain_solver, graduated
 from sngr_utils.slam.conventions import Conventions
-from sngr_utils.slam.factors import sure_factors
 from sngr_utils.slam.landmark_starts import STARTS, start_landmarks
-from sngr_utils.slam.levenberg_marquardt import levenberg_marquardt
-from sngr_utils.slam.solution import Solution, values_of
+from sngr_utils.slam.range_loss import (
+    CAUCHY,
+    DCS,
+    GEMAN_MCCLURE,
+    HUBER,
+    LEAST_SQUARES,
+    Loss,
+)
 from sngr_utils.world import dead_reckoning, simulation
+from sngr_utils.world.log import Log
 
 # rho(r) of a whitened range residual r, and where its constant comes from
 METHODS = {
@@ -41,8 +37,14 @@ METHODS = {
     "gnc_gm": "Geman-McClure with c^2 at that quantile, reached likewise (Yang et al., RA-L 2020)",
     "oracle": "r^2 / 2 with every range attached to the landmark it came from",
 }
-
-GNC_SQUARED = stats.chi2.ppf(INLIER_QUANTILE, 1)  # threshold on r^2, and Geman and McClure's c^2
+LOSSES = {
+    "least_squares": LEAST_SQUARES,
+    "huber": Loss(HUBER, 1.345),
+    "cauchy": Loss(CAUCHY, 2.3849),
+    "dcs": Loss(DCS, 1.0),
+    "geman_mcclure": Loss(GEMAN_MCCLURE, 1.0),
+}
+GNC_SQUARED = stats.chi2.ppf(0.99, 1)  # threshold on r^2, and Geman and McClure's c^2
 
 Estimate = tuple[np.ndarray, np.ndarray]  # poses (T, 3) and landmarks (K, 2)
 
@@ -50,9 +52,7 @@ Estimate = tuple[np.ndarray, np.ndarray]  # poses (T, 3) and landmarks (K, 2)
 def estimate(
     the_world: simulation.World, conventions: Conventions, method: str, start: str
 ) -> Estimate:
-    """Batch Levenberg-Marquardt estimate of a world from dead-reckoned poses.
-
-    The x0 prior is centred on `World.x0_mean`, as in `isam2.run_isam2`.
+    """Batch estimate of a world from dead-reckoned poses, by its log; the oracle's by its truth.
 
     Parameters
     ----------
@@ -73,49 +73,25 @@ def estimate(
     if start not in STARTS:
         raise ValueError(f"start is {start!r}: it must be one of {sorted(STARTS)}")
     if method == "oracle":
-        the_world = replace(the_world, label_of=the_world.source_of)
-    poses = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
-    landmarks = start_landmarks(the_world.log(conventions.x0_sigmas), poses, start)
-    solution = solve(the_world, conventions, method, (poses, landmarks))
-    return solution.poses, solution.landmarks
+        the_world, method = replace(the_world, label_of=the_world.source_of), "least_squares"
+    log = the_world.log(conventions.x0_sigmas)
+    poses = dead_reckoning.dead_reckoning(log.x0_mean, log.odometry)
+    found = solve(log, conventions, method, (poses, start_landmarks(log, poses, start)))
+    return found.poses, found.landmarks
 
 
 def solve(
-    the_world: simulation.World, conventions: Conventions, method: str, start: Estimate
-) -> Solution:
-    """The solution under the loss of `method` from poses and landmarks to start from.
+    log: Log, conventions: Conventions, method: str, start: Estimate
+) -> chain_solver.Estimate:
+    """The estimate under the loss of `method` from poses and landmarks to start from.
 
-    The ranges of its graph have the noise model that the loss gives them at the estimate, so
-    that its marginals are the inverse of the reweighted Gauss-Newton information.
+    Its covariance is the inverse of the reweighted Gauss-Newton information.
+
+    Parameters
+    ----------
+    method : one of `LOSSES`, "gnc_tls" or "gnc_gm"
     """
-    sure = sure_factors(the_world, conventions, start[1])
-    factors, values = gtsam.NonlinearFactorGraph(sure), values_of(*start)
-    factors.push_back(range_factors(the_world, start[1], method))
-    if method in ("gnc_tls", "gnc_gm"):
-        result, weights = graduated(factors, values, method, known_inliers=range(sure.size()))
-        factors = reweighted(factors, weights)
-    else:
-        result = levenberg_marquardt(factors, values)
-    return Solution(None, factors, result, the_world.n_poses, the_world.n_landmarks)
-
-
-def range_factors(
-    the_world: simulation.World, landmarks: np.ndarray, method: str
-) -> gtsam.NonlinearFactorGraph:
-    """The ranges, by label, under the loss of `method`; those to a NaN landmark are left out."""
-    estimators = gtsam.noiseModel.mEstimator
-    losses = {
-        "huber": lambda: estimators.Huber.Create(HUBER_K),
-        "cauchy": lambda: estimators.Cauchy.Create(CAUCHY_K),
-        "dcs": lambda: estimators.DCS.Create(DCS_PHI),
-        "geman_mcclure": lambda: estimators.GemanMcClure.Create(GEMAN_MCCLURE_C),
-    }
-    noise = gtsam.noiseModel.Isotropic.Sigma(1, the_world.scenario.range_sigma)
-    if method in losses:
-        noise = gtsam.noiseModel.Robust.Create(losses[method](), noise)
-    factors = gtsam.NonlinearFactorGraph()
-    measured = zip(the_world.pose_of, the_world.label_of, the_world.ranges, strict=True)
-    for t, k, distance in measured:
-        if np.isfinite(landmarks[k, 0]):
-            factors.push_back(gtsam.RangeFactor2D(X(t), L(k), distance, noise))
-    return factors
+    chain = chain_problem.of_log(log, start[1], conventions.landmark_prior_sigma)
+    if method in LOSSES:
+        return chain_solver.solve(chain, *start, LOSSES[method], chain_solver.THOROUGH)
+    return graduated.solve(chain, *start, method == "gnc_tls", GNC_SQUARED)[0]

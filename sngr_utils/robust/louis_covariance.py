@@ -1,23 +1,45 @@
 """Louis' covariance: what an EM estimate knows, less what the associations leave open.
 
-Information is sparse: a range touches its own pose and the landmarks it may have come from, so
-that the poses are a chain bordered by the landmarks, and its inverse takes linear time.
+A range touches its own pose and the landmarks it may have come from, so that both informations
+are those of a chain of poses bordered by the landmarks, and the inverse takes linear time.
 """
 
-import numpy as np
-from scipy import sparse
-from scipy.sparse import linalg
+from typing import NamedTuple
 
-from sngr_utils.numerics.linalg import invert
+import numpy as np
+from scipy import linalg
+from scipy.sparse import linalg as iterative
+
+from sngr_utils.numerics.jit import compile_once
 from sngr_utils.robust.association import NEGLIGIBLE
-from sngr_utils.slam import chain_cost, chain_problem, information
+from sngr_utils.slam import chain_cost, chain_problem, damped_step, information
 from sngr_utils.slam.chain_cost import State
 from sngr_utils.slam.chain_problem import Chain
-from sngr_utils.slam.factors import range_derivatives
 from sngr_utils.slam.range_loss import LEAST_SQUARES
 
 MOST_MISSING = 0.9  # of the information in any direction, see `position_covariances`
 IMPOSSIBLE = 1e-18  # responsibilities below it are no part of a score's covariance
+FEW = 250  # variables up to which all directions are found at once
+APART = 1e-4  # from 1, a share at which the information is no longer near singular
+NUDGE = 1.0003  # by which what is withheld grows where a share is nearer
+
+
+class Blocks(NamedTuple):
+    """A symmetric matrix of a chain with T poses and B columns in its border.
+
+    Attributes
+    ----------
+    own, rest : (T, 3, 3) of each pose, and (T, 3, 3+B) between pose t and [pose t+1 | border]
+    front : (3+B, 3+B) of the border in the lower right, else zero
+    """
+
+    own: np.ndarray
+    rest: np.ndarray
+    front: np.ndarray
+
+    def less(self, other: "Blocks", share: float) -> "Blocks":
+        """`share` times this, less another one."""
+        return Blocks(*(share * a - b for a, b in zip(self, other, strict=True)))
 
 
 def position_covariances(chain: Chain, at: State, weights: np.ndarray) -> np.ndarray:
@@ -36,144 +58,213 @@ def position_covariances(chain: Chain, at: State, weights: np.ndarray) -> np.nda
 
     Source: Louis, JRSS B 44, 1982.
     """
-    n_poses = len(at.frames)
-    complete, scores = _information(chain, at, weights), _scores(chain, at, weights)
-    if n_above := _n_above(complete, scores, n_poses):
-        covariances = _capped(complete, scores, n_above, n_poses)
+    system, withheld = _linearised(chain, at, weights), _withheld(chain, at, weights)
+    complete = Blocks(*system[:3])
+    n_above = _eliminated(complete.less(withheld, MOST_MISSING))[1]
+    size = 3 * len(at.frames) + len(complete.front) - 3
+    if n_above == 0:
+        covariances = _inverse(complete.less(withheld, 1.0))
+    elif size <= FEW:
+        covariances = _capped(complete, withheld, len(at.frames), size)
     else:
-        covariances = _pose_covariances(complete - scores @ scores.T, n_poses)
+        covariances = _capped_in_few(system, withheld, n_above, size)
     cos, sin = at.frames[:, 2], at.frames[:, 3]
     rotations = np.moveaxis(np.array([[cos, -sin], [sin, cos]]), 2, 0)
     return rotations @ covariances[:, :2, :2] @ rotations.transpose(0, 2, 1)
 
 
-def _information(chain: Chain, at: State, weights: np.ndarray) -> sparse.csr_array:
-    """(D, D) Gauss-Newton information of the weighted ranges, poses first, then the border."""
-    problem = chain_problem.weighted(chain, weights[:, :-1], 1.0, NEGLIGIBLE)
+def _linearised(chain: Chain, at: State, weights: np.ndarray) -> information.System:
+    """Gauss-Newton information of the weighted ranges, and of all that is sure."""
+    problem = chain_problem.weighted(chain, weights, 1.0, NEGLIGIBLE)
     at = at._replace(residuals=np.empty(len(problem.ranges)))
     chain_cost.cost(problem, LEAST_SQUARES, at)
-    own, rest, front, *_ = chain_cost.linearise(problem, LEAST_SQUARES, at)
-    n, (_, rows, columns) = 3 * len(own), np.indices(own.shape) + 3 * np.indices(own.shape)[0]
-    place = rows.ravel(), columns.ravel()
-    chained = sparse.coo_array((own.ravel(), place), shape=(n, n))
-    following = sparse.coo_array(
-        (rest[:-1, :, :3].ravel(), (rows[:-1].ravel(), columns[1:].ravel())), shape=(n, n)
-    )
-    border = sparse.csr_array(rest[:, :, 3:].reshape(n, -1))
-    return sparse.block_array(
-        [[chained + following + following.T, border], [border.T, front[3:, 3:]]], format="csr"
-    )
+    return chain_cost.linearise(problem, LEAST_SQUARES, at)
 
 
-def _scores(chain: Chain, at: State, weights: np.ndarray) -> sparse.csc_array:
-    """(D, S) sparse V with M = V V^T, the covariance of the score over the associations.
-
-    One column for each source that an open range may have: its score less the mean over all,
-    times the root of its probability. A range from none of the landmarks has no score.
-    """
-    poses, (scale, offset) = information.poses_of(at.frames), at.calibration
-    size = 3 * len(poses) + at.landmarks.size + np.sum(chain.columns >= 0)
-    pieces, n_columns = [], 0
-    for m in np.flatnonzero(weights[:, :-1].max(axis=1, initial=0.0) < 1 - NEGLIGIBLE):
-        t, likely = int(chain.pose_of[m]), np.flatnonzero(weights[m, :-1] > IMPOSSIBLE)
-        mine, n = weights[m, likely], len(likely)
-        distance, by_pose, by_landmark = range_derivatives(poses[t], at.landmarks[likely])
-        slope = (chain.ranges[m] - scale * distance - offset) / chain.sigmas[m] ** 2
-        score = np.zeros((n + 1, 1 + n, 2))  # by the position, and by each of the landmarks
-        score[:n, 0] = scale * slope[:, None] * by_pose
-        score[np.arange(n), 1 + np.arange(n)] = scale * slope[:, None] * by_landmark
-        calibration = np.zeros((n + 1, 2))
-        calibration[:n] = np.column_stack([slope * distance, slope])
-        estimated = chain.columns >= 0
-        score = np.hstack([score.reshape(n + 1, -1), calibration[:, estimated]])
-        chances = np.append(mine, max(1 - mine.sum(), 0.0))
-        centred = np.sqrt(chances)[:, None] * (score - chances @ score)
-        first = 3 * len(poses) + 2 * likely
-        touched = np.concatenate([
-            [3 * t, 3 * t + 1], np.column_stack([first, first + 1]).ravel(),
-            3 * len(poses) + chain.columns[estimated],
-        ])  # fmt: skip
-        columns = np.repeat(np.arange(n_columns, n_columns + n + 1), len(touched))
-        pieces.append((centred.ravel(), np.tile(touched, n + 1), columns))
-        n_columns += n + 1
-    entries, rows, columns = (
-        map(np.concatenate, zip(*pieces, strict=True)) if pieces else ([], [], [])
-    )
-    return sparse.csc_array((entries, (rows, columns)), shape=(size, n_columns))
+@compile_once
+def _withheld(chain, at, weights):
+    """Covariance of the score over the associations, a range with an open source at a time."""
+    k = len(at.landmarks)
+    system = information.empty_system(len(at.frames), 2 * k + np.sum(chain.columns >= 0))
+    blocks = Blocks(system.own, system.rest, system.front)
+    for m in range(len(chain.ranges)):
+        largest = 0.0
+        for j in range(k):
+            largest = max(largest, weights[m, j])
+        if largest < 1.0 - NEGLIGIBLE:
+            _add_open(chain, at, weights, m, blocks)
+    return blocks
 
 
-def _n_above(complete, scores, n_poses: int) -> int:
-    """In how many directions is more than `MOST_MISSING` of the information withheld?
+@compile_once
+def _add_open(chain, at, weights, m, blocks):
+    """Add the covariance of one range's score; a range from no landmark has a score of zero."""
+    width, t = len(blocks.front), chain.pose_of[m]
+    likely = np.flatnonzero(weights[m, :-1] > IMPOSSIBLE)
+    scores, mean = np.zeros((len(likely), width)), np.zeros(width)  # by pose t, and the border
+    chance, none = np.empty(len(likely)), 1.0
+    for i in range(len(likely)):
+        j = likely[i]
+        distance, x, y = information.distance_and_direction(at.frames, at.landmarks, t, j)
+        scale, variance = at.calibration[0], chain.sigmas[m] ** 2
+        slope = (chain.ranges[m] - scale * distance - at.calibration[1]) / variance
+        cos, sin = at.frames[t, 2], at.frames[t, 3]
+        scores[i, 0] = -scale * slope * (cos * x + sin * y)
+        scores[i, 1] = scale * slope * (sin * x - cos * y)
+        scores[i, 3 + 2 * j], scores[i, 4 + 2 * j] = scale * slope * x, scale * slope * y
+        if chain.columns[0] >= 0:
+            scores[i, 3 + chain.columns[0]] = slope * distance
+        if chain.columns[1] >= 0:
+            scores[i, 3 + chain.columns[1]] = slope
+        chance[i] = weights[m, j]
+        none -= chance[i]
+        mean += chance[i] * scores[i]
+    _add_square(mean, max(none, 0.0), t, blocks)
+    for i in range(len(likely)):
+        _add_square(scores[i] - mean, chance[i], t, blocks)
 
-    As many as `MOST_MISSING` C - M has negative pivots when the poses are eliminated.
+
+@compile_once
+def _add_square(vector, weight, t, blocks):
+    """Add weight times the square of a (3+B,) vector of pose t and the border."""
+    touched = np.flatnonzero(vector)
+    for i in touched:
+        for j in touched:
+            term = weight * vector[i] * vector[j]
+            if i >= 3 and j >= 3:
+                blocks.front[i, j] += term
+            elif i < 3 and j < 3:
+                blocks.own[t, i, j] += term
+            elif i < 3:
+                blocks.rest[t, i, j] += term
+
+
+def _eliminated(blocks: Blocks) -> tuple[Blocks, int]:
+    """Poses eliminated and the border inverted, in place; how many eigenvalues are negative.
 
     Source: Sylvester's law of inertia; Haynsworth, Linear Algebra and its Applications 1, 1968.
     """
-    own, rest, front = _blocks(MOST_MISSING * complete - scores @ scores.T, n_poses)
-    count = 0
-    for mine, others in zip(own, rest, strict=True):
-        mine += front[:3, :3]
-        others[:, 3:] += front[:3, 3:]
-        front[:3], front[:, :3] = 0.0, 0.0
-        count += np.sum(np.linalg.eigvalsh(mine) <= 0)
-        front -= others.T @ np.linalg.solve(mine, others)
-    return int(count + np.sum(np.linalg.eigvalsh(front[3:, 3:]) <= 0))
+    below = _eliminate(*blocks)
+    border = blocks.front[3:, 3:]
+    below += int(np.sum(np.linalg.eigvalsh(border) <= 0))
+    blocks.front[3:, 3:] = np.linalg.inv(border)
+    return blocks, below
 
 
-def _blocks(info: sparse.csr_array, n_poses: int) -> tuple[np.ndarray, ...]:
-    """The blocks of a chain's information that `information.eliminate` takes."""
-    size = info.shape[0] - 3 * n_poses
-    own, rest = np.zeros((n_poses, 3, 3)), np.zeros((n_poses, 3, 3 + size))
-    front = np.zeros((3 + size, 3 + size))
-    front[3:, 3:] = info[3 * n_poses :, 3 * n_poses :].toarray()
-    entries = info[: 3 * n_poses].tocoo()
-    t, i, column = entries.row // 3, entries.row % 3, entries.col
-    border = column >= 3 * n_poses
-    here, following = column // 3 == t, ~border & (column // 3 == t + 1)
-    own[t[here], i[here], column[here] % 3] = entries.data[here]
-    rest[t[following], i[following], column[following] % 3] = entries.data[following]
-    rest[t[border], i[border], column[border] - 3 * n_poses + 3] = entries.data[border]
-    return own, rest, front
+@compile_once
+def _eliminate(own, rest, front):
+    """`information.eliminate` of a matrix that need not be definite; its negative pivots.
 
-
-def _pose_covariances(info: sparse.csr_array, n_poses: int) -> np.ndarray:
-    """(T, 3, 3) diagonal blocks of the inverse of a chain's information, [m, m, rad], body frame.
-
-    Raises
-    ------
-    ValueError : it is not positive definite
+    Leaves the inverse of every pivot, and the gains, as that does.
     """
-    own, rest, front = _blocks(info, n_poses)
-    failed = information.eliminate(own, rest, front, np.zeros_like(front)) >= 0
-    joint = front[3:, 3:].copy()
-    if failed or invert(joint) >= 0:
-        raise ValueError("the information matrix is not positive definite: no covariance")
-    front[3:, 3:] = joint
-    information.substitute(own, rest, front, np.empty((max(n_poses - 2, 0), 3, 3)))
+    (n_poses, _, width), below = rest.shape, 0
+    lost, gain = np.zeros((width, width)), np.empty((3, width))
+    for t in range(n_poses):
+        for i in range(3):
+            for j in range(width):
+                if j < 3:
+                    own[t, i, j] += front[i, j]
+                else:
+                    rest[t, i, j] += front[i, j]
+                front[i, j] = front[j, i] = lost[i, j] = lost[j, i] = 0.0
+        below += _invert_any(own[t])
+        for i in range(3):
+            for j in range(width):
+                gain[i, j] = 0.0
+                for k in range(3):
+                    gain[i, j] += own[t, i, k] * rest[t, k, j]
+        for i in range(width):
+            for j in range(i, width):
+                term = 0.0
+                for k in range(3):
+                    term -= rest[t, k, i] * gain[k, j]
+                information.accumulate(front, lost, i, j, term)
+                front[j, i], lost[j, i] = front[i, j], lost[i, j]
+        rest[t] = gain
+    return below
+
+
+@compile_once
+def _invert_any(a):
+    """Invert a symmetric (3, 3) matrix in place; the number of its negative eigenvalues."""
+    xx, xy, xz = a[1, 1] * a[2, 2] - a[1, 2] ** 2, a[0, 2] * a[1, 2] - a[0, 1] * a[2, 2], 0.0
+    xz = a[0, 1] * a[1, 2] - a[0, 2] * a[1, 1]
+    minor, determinant = a[0, 0] * a[1, 1] - a[0, 1] ** 2, a[0, 0] * xx + a[0, 1] * xy
+    determinant += a[0, 2] * xz
+    below = (a[0, 0] < 0) + ((a[0, 0] < 0) != (minor < 0)) + ((minor < 0) != (determinant < 0))
+    yy, yz = a[0, 0] * a[2, 2] - a[0, 2] ** 2, a[0, 1] * a[0, 2] - a[0, 0] * a[1, 2]
+    a[0, 0], a[0, 1], a[0, 2] = xx / determinant, xy / determinant, xz / determinant
+    a[1, 1], a[1, 2], a[2, 2] = yy / determinant, yz / determinant, minor / determinant
+    a[1, 0], a[2, 0], a[2, 1] = a[0, 1], a[0, 2], a[1, 2]
+    return below
+
+
+def _inverse(blocks: Blocks) -> np.ndarray:
+    """(T, 3, 3) diagonal blocks of the inverse, [m, m, rad], in the body frame."""
+    (own, rest, front), _ = _eliminated(blocks)
+    information.substitute(own, rest, front, np.empty((max(len(own) - 2, 0), 3, 3)))
     return own
 
 
-def _capped(complete, scores, n_above: int, n_poses: int) -> np.ndarray:
-    """`_pose_covariances` of C - M, the share of M made `MOST_MISSING` in `n_above` directions.
+@compile_once
+def _times(own, rest, front, vectors):
+    """The matrix times (D, n) vectors."""
+    product, n, last = np.zeros(vectors.shape), vectors.shape[1], 3 * len(own)
+    for t in range(len(own)):
+        for i in range(3):
+            for j in range(3):
+                for c in range(n):
+                    product[3 * t + i, c] += own[t, i, j] * vectors[3 * t + j, c]
+            for j in range(rest.shape[2]):
+                if j >= 3 or t < len(own) - 1:
+                    row = 3 * t + 3 + j if j < 3 else last + j - 3
+                    for c in range(n):
+                        product[3 * t + i, c] += rest[t, i, j] * vectors[row, c]
+                        product[row, c] += rest[t, i, j] * vectors[3 * t + i, c]
+    for i in range(3, len(front)):
+        for j in range(3, len(front)):
+            for c in range(n):
+                product[last + i - 3, c] += front[i, j] * vectors[last + j - 3, c]
+    return product
 
-    Those are few, but their vectors are dense, and C - M may be indefinite. So the terms of M
-    that matter most to them are left out until the rest is sound, and come back by Woodbury's
-    identity, together with what the cap adds.
+
+def _capped(complete: Blocks, withheld: Blocks, n_poses: int, size: int) -> np.ndarray:
+    """`_inverse` of C - M, with no share of M above `MOST_MISSING`, by all directions."""
+    pencil = (_times(*blocks, np.eye(size)) for blocks in (withheld, complete))
+    shares, directions = linalg.eigh(*pencil)
+    scaled = directions / np.sqrt(1 - np.clip(shares, 0, MOST_MISSING))
+    rows = scaled[: 3 * n_poses].reshape(n_poses, 3, size)
+    return rows @ rows.transpose(0, 2, 1)
+
+
+def _capped_in_few(
+    system: information.System, withheld: Blocks, n_above: int, size: int
+) -> np.ndarray:
+    """The same by the `n_above` directions in which it is above.
+
+    Each adds d d^T / (1 - share) to the inverse of C - M, definite or not, and shall add
+    d d^T / (1 - MOST_MISSING). A share of all but 1 would make the difference of large numbers.
     """
-    shares, directions = linalg.eigsh(
-        scores @ scores.T, n_above, complete, which="LA", v0=np.ones(complete.shape[0]),
-        Minv=linalg.LinearOperator(complete.shape, linalg.splu(complete.tocsc()).solve),
+    complete, split = Blocks(*system[:3]), 3 * len(system.own)
+
+    def solve(v):
+        steps, border = np.empty(system.slope.shape), np.empty(system.pull.shape)
+        right = system._replace(slope=-v[:split].reshape(steps.shape), pull=-v[split:])
+        damped_step.solve(right, 0.0, False, steps, border)
+        return np.append(steps, border)
+
+    def operator(work):
+        return iterative.LinearOperator((size, size), work, dtype=float)
+
+    shares, directions = iterative.eigsh(
+        operator(lambda v: _times(*withheld, v.reshape(size, 1)).ravel()), n_above,
+        operator(lambda v: _times(*complete, v.reshape(size, 1)).ravel()), which="LA",
+        v0=np.ones(size), Minv=operator(solve),
     )  # fmt: skip
-    order = np.argsort(-np.sum((scores.T @ directions) ** 2, axis=1))
-    n = 2 * n_above
-    while _n_above(complete, scores[:, order[n:]], n_poses):
-        n *= 2
-    out, kept = scores[:, order[:n]].toarray(), scores[:, order[n:]]
-    sound = complete - kept @ kept.T
-    update = np.hstack([out, complete @ directions])
-    signs = np.append(np.full(out.shape[1], -1.0), np.maximum(shares - MOST_MISSING, 1e-12))
-    solved = linalg.splu(sound.tocsc()).solve(update)
-    middle = np.diag(1 / signs) + update.T @ solved
-    blocks = solved[: 3 * n_poses].reshape(n_poses, 3, -1)
-    turned = np.linalg.solve(middle, solved[: 3 * n_poses].T).T.reshape(blocks.shape)
-    return _pose_covariances(sound, n_poses) - blocks @ turned.transpose(0, 2, 1)
+    grown = 1.0
+    while np.min(np.abs(grown * shares - 1)) < APART:
+        grown *= NUDGE
+    nudged = Blocks(*(grown * block for block in withheld))
+    added = 1 / (1 - MOST_MISSING) - 1 / (1 - grown * shares)
+    rows = directions[:split].reshape(-1, 3, n_above)
+    return _inverse(complete.less(nudged, 1.0)) + (rows * added) @ rows.transpose(0, 2, 1)

@@ -8,19 +8,24 @@ never open together.
 """
 
 import math
+import warnings
 from typing import NamedTuple
 
 import numpy as np
 
 from sngr_utils.numerics.jit import compile_once
 
-MOST_OPEN = 14  # landmarks at a time
+MOST_OPEN, MANY = 14, 9  # landmarks at a time: at most, and of which the work is felt
 
 LEAST = -50.0  # log weight, against a range's largest, below which all weights are alike
 
 PLAUSIBLE = 1e-16  # weight, against a range's largest, above which a pair is looked at first
 EXACT = 1e-14  # share of the matchings that may be overlooked, where no more must be
 DISPENSABLE = 1e-3  # weight up to which pairs are left out where too many landmarks are open
+
+
+class ExclusionWarning(UserWarning):
+    """Mutual exclusion has been given up for a scan."""
 
 
 def exclusive_posterior(log_weights: np.ndarray, scan_of: np.ndarray | None = None) -> np.ndarray:
@@ -35,7 +40,8 @@ def exclusive_posterior(log_weights: np.ndarray, scan_of: np.ndarray | None = No
     with any of them weigh less than `EXACT` of the rest. Where more than `MOST_OPEN` landmarks
     are open, the least plausible pairs are left out until they are not, but none that weighs
     more than `DISPENSABLE` of its range's likeliest; where that does not help, the ranges of the
-    scan are treated each on its own. With up to `MOST_OPEN` landmarks neither can happen.
+    scan are treated each on its own, with a warning. With up to `MOST_OPEN` landmarks neither
+    can happen.
 
     Parameters
     ----------
@@ -43,30 +49,53 @@ def exclusive_posterior(log_weights: np.ndarray, scan_of: np.ndarray | None = No
         for what cannot be, but not all along a row
     scan_of : (N,) int, ascending, the scan of each range; None if all are of one
 
+    Warns
+    -----
+    ExclusionWarning : scans whose ranges are treated each on its own
+
     Source: the joint association events of Bar-Shalom, Fortmann, Tracking and Data Association,
     1988, chapter 9; permanents by subsets: Ryser, Combinatorial Mathematics, 1963; of sparse
     matrices: Cifuentes, Parrilo, Linear Algebra and its Applications 493, 2016.
     """
-    relative = log_weights - log_weights.max(axis=1, keepdims=True)
-    scaled = np.where(np.isneginf(relative), 0.0, np.exp(np.maximum(relative, LEAST)))
-    n = len(scaled)
-    ends = [n] if scan_of is None else [*(np.flatnonzero(np.diff(scan_of)) + 1), n]
-    return _by_scan(scaled, np.array(ends))
+    found, too_many = matched(log_weights, ends_of(len(log_weights), scan_of))
+    warn(too_many)
+    return found
+
+
+def ends_of(n: int, scan_of: np.ndarray | None) -> np.ndarray:
+    """(S,) int, behind the last of the n rows of each scan, see `exclusive_posterior`."""
+    changes = [] if scan_of is None else np.flatnonzero(np.diff(scan_of)) + 1
+    return np.append(np.asarray(changes, dtype=np.int64), n)
+
+
+def warn(too_many: int) -> None:
+    """Say of how many scans the ranges were treated each on its own, if any."""
+    if too_many:
+        warnings.warn(
+            f"{too_many} scans have more than {MOST_OPEN} landmarks in question at a time: "
+            "no exclusion between their ranges", ExclusionWarning, stacklevel=3,
+        )  # fmt: skip
 
 
 @compile_once
-def _by_scan(weights, ends):
-    """`_one_scan` of every scan, whose rows end before `ends`."""
-    found, start = np.empty(weights.shape), 0
+def matched(log_weights, ends):
+    """`exclusive_posterior` of scans whose rows end before `ends`; in how many it was given up."""
+    weights, found = np.zeros(log_weights.shape), np.empty(log_weights.shape)
+    for i in range(len(weights)):
+        largest = log_weights[i].max()
+        for j in range(weights.shape[1]):
+            if log_weights[i, j] > -math.inf:
+                weights[i, j] = math.exp(max(log_weights[i, j] - largest, LEAST))
+    start, too_many = 0, 0
     for end in ends:
-        _one_scan(weights[start:end], found[start:end])
+        too_many += not _one_scan(weights[start:end], found[start:end])
         start = end
-    return found
+    return found, too_many
 
 
 @compile_once
 def _one_scan(weights, found):
-    """Fill the (n, K+1) posterior of one scan, from as few pairs as will do."""
+    """Fill the (n, K+1) posterior of one scan, from as few pairs as will do; False if in vain."""
     threshold, plan = PLAUSIBLE, _plan(weights, PLAUSIBLE)
     while plan.n_open > MOST_OPEN and threshold < DISPENSABLE:
         threshold *= 10.0
@@ -74,7 +103,11 @@ def _one_scan(weights, found):
     if plan.n_open > MOST_OPEN:
         for i in range(len(weights)):
             found[i] = weights[i] / weights[i].sum()
-        return
+        return False
+    if plan.n_open >= MANY:  # all pairs at once, for the check often fails and doubles the work
+        everything = _plan(weights, 0.0)
+        if everything.n_open <= min(plan.n_open + 1, MOST_OPEN):
+            threshold, plan = 0.0, everything
     log_total = _matchings(weights, plan, found)
     if log_total < _log_overlooked(weights, threshold) - math.log(EXACT):
         everything = _plan(weights, 0.0)
@@ -83,6 +116,7 @@ def _one_scan(weights, found):
     if log_total == -math.inf:
         weights[:, -1] = math.exp(LEAST)
         _matchings(weights, plan, found)
+    return True
 
 
 class Plan(NamedTuple):
@@ -154,38 +188,77 @@ def _matchings(weights, plan, found):
     """Fill the (n, K+1) marginals of all matchings; the log of their total weight."""
     (n, columns), size = weights.shape, 1 << plan.n_open
     k, log_total = columns - 1, 0.0
+    bits, shared = np.empty(k, np.int64), np.empty(k)  # of the landmarks that a row competes for
     before = np.zeros((n + 1, size))  # weight of the first i rows on the subset s, of sum 1
     before[0, 0] = 1.0
     for i in range(n):
-        row, kept = plan.order[i], plan.kept[i]
+        now, then, kept = before[i], before[i + 1], plan.kept[i]
+        rivals, alone = _options(weights, plan, plan.order[i], bits, shared)
         for s in range(size):
-            if before[i, s] > 0.0:
-                before[i + 1, s & kept] += before[i, s] * weights[row, k]
-                for j in range(k):
-                    if plan.allowed[row, j] and not s & plan.bit[j]:
-                        there = (s | plan.bit[j]) & kept
-                        before[i + 1, there] += before[i, s] * weights[row, j]
-        total = before[i + 1].sum()
+            then[s & kept] += now[s] * alone
+        for c in range(rivals):  # all subsets without its bit: those in the lower half of a block
+            for block in range(0, size, 2 * bits[c]):
+                for s in range(block, block + bits[c]):
+                    then[(s | bits[c]) & kept] += now[s] * shared[c]
+        total = then.sum()
         if total == 0.0:
             return -math.inf
-        before[i + 1] /= total
+        then /= total
         log_total += math.log(total)
-    after = np.ones(size)  # of the rows from i on, if the subset s is taken
+    after, earlier = np.ones(size), np.empty(size)  # of later rows, if the subset s is taken
+    sums = np.empty(k)
     for i in range(n - 1, -1, -1):
-        row, kept, earlier = plan.order[i], plan.kept[i], np.zeros(size)
-        found[row] = 0.0
+        now, row, kept, free = before[i], plan.order[i], plan.kept[i], 0.0
+        rivals, alone = _options(weights, plan, row, bits, shared)
         for s in range(size):
-            if before[i, s] > 0.0:
-                earlier[s] = weights[row, k] * after[s & kept]
-                found[row, k] += before[i, s] * earlier[s]
-                for j in range(k):
-                    if plan.allowed[row, j] and not s & plan.bit[j]:
-                        here = weights[row, j] * after[(s | plan.bit[j]) & kept]
-                        found[row, j] += before[i, s] * here
-                        earlier[s] += here
-        found[row] /= found[row].sum()
-        after = earlier / earlier.max()
+            free += now[s] * after[s & kept]
+            earlier[s] = alone * after[s & kept]
+        for c in range(rivals):
+            sums[c] = 0.0
+            for block in range(0, size, 2 * bits[c]):
+                for s in range(block, block + bits[c]):
+                    here = shared[c] * after[(s | bits[c]) & kept]
+                    sums[c] += now[s] * here
+                    earlier[s] += here
+        _spread(weights, plan, row, free, sums, found)
+        largest = 0.0
+        for s in range(size):
+            if now[s] > 0.0:
+                largest = max(largest, earlier[s])
+        for s in range(size):
+            after[s] = earlier[s] / largest if now[s] > 0.0 else 0.0
     return log_total
+
+
+@compile_once
+def _options(weights, plan, row, bits, shared):
+    """Bits and weights of the landmarks that other rows want too: how many; the rest's weight."""
+    k, rivals = weights.shape[1] - 1, 0
+    alone = weights[row, k]
+    for j in range(k):
+        if plan.allowed[row, j]:
+            if plan.bit[j]:
+                bits[rivals], shared[rivals] = plan.bit[j], weights[row, j]
+                rivals += 1
+            else:
+                alone += weights[row, j]
+    return rivals, alone
+
+
+@compile_once
+def _spread(weights, plan, row, free, sums, found):
+    """The marginals of a row, from those of the landmarks it competes for in order."""
+    k, c = weights.shape[1] - 1, 0
+    found[row] = 0.0
+    found[row, k] = weights[row, k] * free
+    for j in range(k):
+        if plan.allowed[row, j]:
+            if plan.bit[j]:
+                found[row, j] = sums[c]
+                c += 1
+            else:
+                found[row, j] = weights[row, j] * free
+    found[row] /= found[row].sum()
 
 
 @compile_once

@@ -1,22 +1,19 @@
 """Switchable constraints: every range has a switch, a variable that says how far it is believed.
 
 The switch s multiplies the whitened residual r of its range, and a prior holds it at 1: a range
-that would pull the trajectory apart is turned off at a bounded cost. Switches are variables of
-the graph like poses and landmarks, and GTSAM solves for all of them together.
+that would pull the trajectory apart is turned off at a bounded cost. Whatever the residuals, the
+best switches are known in closed form, s = 1 / (1 + sigma^2 r^2); what they leave is Geman and
+McClure's loss with c = 1 / sigma, which is solved.
 """
 
-from collections.abc import Callable
-
-import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import L, S, X
 from scipy import integrate, optimize
 
-from sngr_utils.robust import losses
-from sngr_utils.slam import levenberg_marquardt, solution
+from sngr_utils.robust.losses import Estimate
+from sngr_utils.slam import chain_problem, chain_solver
 from sngr_utils.slam.conventions import Conventions
-from sngr_utils.slam.factors import range_derivatives, sure_factors
-from sngr_utils.world import simulation
+from sngr_utils.slam.range_loss import GEMAN_MCCLURE, LEAST_SQUARES, Loss
+from sngr_utils.world.log import Log
 
 
 def _efficiency(c: float) -> float:
@@ -35,23 +32,19 @@ def _efficiency(c: float) -> float:
     return slope**2 / mean(lambda q, r: r**2 / (1 + q) ** 4)
 
 
-# Sigma of the switch prior. Eliminating the switch leaves Geman and McClure's loss with c =
-# 1 / sigma. The authors' sigma is 1: that is the row "geman_mcclure" of the peers, and throws
-# away half of what good ranges say. This one is 95 % efficient on Gaussian data, as the
-# constants of Huber's and Cauchy's losses are.
+# Sigma of the switch prior. The authors' sigma is 1: that is the row "geman_mcclure" of the
+# peers, and throws away half of what good ranges say. This one is 95 % efficient on Gaussian
+# data, as the constants of Huber's and Cauchy's losses are.
 SWITCH_SIGMA = 1 / optimize.brentq(lambda c: _efficiency(c) - 0.95, 1, 10)
 
 
 def solve(
-    the_world: simulation.World,
-    conventions: Conventions,
-    start: losses.Estimate,
-    switch_sigma: float = SWITCH_SIGMA,
-) -> solution.Solution:
-    """Solve for poses, landmarks and one switch per range, all switches on at the start.
+    log: Log, conventions: Conventions, start: Estimate, switch_sigma: float = SWITCH_SIGMA
+) -> tuple[chain_solver.Estimate, np.ndarray]:
+    """Solve for poses and landmarks with a switch for every range.
 
     The switch function is the identity, which the authors prefer to a sigmoid: at the optimum
-    s = 1 / (1 + sigma^2 r^2) is between 0 and 1 without being told to.
+    s is between 0 and 1 without being told to.
 
     Parameters
     ----------
@@ -61,7 +54,7 @@ def solve(
 
     Returns
     -------
-    the solution with its switches, S(m) for range m; the marginals of its poses are over them
+    the estimate, its covariances over the switches, and the (M,) switches
 
     Raises
     ------
@@ -71,62 +64,12 @@ def solve(
     """
     if not switch_sigma > 0:
         raise ValueError(f"switch_sigma is {switch_sigma!r}: it must be positive")
-    poses, landmarks = start
-    factors = gtsam.NonlinearFactorGraph(sure_factors(the_world, conventions, landmarks))
-    values = solution.values_of(poses, landmarks)
-    prior = gtsam.noiseModel.Isotropic.Sigma(1, switch_sigma)
-    used = np.isfinite(landmarks[the_world.label_of, 0])
-    for m in np.flatnonzero(used):
-        factors.push_back(gtsam.PriorFactorDouble(S(m), 1.0, prior))
-        values.insert(S(m), 1.0)
-    for t in range(the_world.n_poses):
-        here = np.flatnonzero(used & (the_world.pose_of == t))
-        if len(here):
-            factors.push_back(switched_ranges(the_world, t, here))
-    result = levenberg_marquardt.levenberg_marquardt(factors, values)
-    return solution.Solution(None, factors, result, the_world.n_poses, the_world.n_landmarks)
-
-
-def switched_ranges(the_world: simulation.World, t: int, here: np.ndarray) -> gtsam.CustomFactor:
-    """One factor for the (n,) ranges `here`, all of pose t: n residuals, each with its switch.
-
-    One factor for each pose and not for each range: what costs is the call of Python.
-    """
-    labels = the_world.label_of[here]
-    seen, column = np.unique(labels, return_inverse=True)
-    keys = [X(t), *(L(k) for k in seen), *(S(m) for m in here)]
-    noise = gtsam.noiseModel.Isotropic.Sigma(len(here), the_world.scenario.range_sigma)
-    return gtsam.CustomFactor(noise, keys, _switched_error(the_world.ranges[here], column))
-
-
-def _switched_error(ranges: np.ndarray, column: np.ndarray) -> Callable:
-    """s (distance - range) of n ranges and its Jacobians, as GTSAM's CustomFactor asks for them.
-
-    column : (n,) int, which of the factor's landmarks each range is to
-    """
-    n, n_seen = len(ranges), int(column.max()) + 1
-    rows = np.arange(n)
-
-    def error(this, values, jacobians):
-        keys = this.keys()
-        pose = values.atPose2(keys[0])
-        landmarks = np.array([values.atPoint2(key) for key in keys[1 : 1 + n_seen]])
-        switches = np.array([values.atDouble(key) for key in keys[1 + n_seen :]])
-        distances, by_position, ahead = range_derivatives(
-            solution.pose_vector(pose), landmarks[column]
-        )
-        residuals = distances - ranges
-        if jacobians is not None:
-            by_pose = np.zeros((n, 3), order="F")
-            by_pose[:, :2] = switches[:, None] * by_position
-            jacobians[0] = by_pose
-            by_landmarks = np.zeros((n_seen, n, 2))
-            by_landmarks[column, rows] = switches[:, None] * ahead
-            by_switches = np.diag(residuals)
-            for i in range(n_seen):
-                jacobians[1 + i] = np.asfortranarray(by_landmarks[i])
-            for i in range(n):
-                jacobians[1 + n_seen + i] = by_switches[:, i : i + 1]
-        return switches * residuals
-
-    return error
+    chain = chain_problem.of_log(log, start[1], conventions.landmark_prior_sigma)
+    at, *found = chain_solver.minimise(
+        chain, Loss(GEMAN_MCCLURE, 1 / switch_sigma), chain_solver.THOROUGH,
+        chain_solver.state_of(chain, *start),
+    )  # fmt: skip
+    switches = 1 / (1 + (switch_sigma * at.residuals / chain.sigmas) ** 2)
+    # of a range whose switch is integrated out, so much is left: s^2, less what s is not known
+    known = chain._replace(weights=switches**3)
+    return chain_solver.concluded(known, LEAST_SQUARES, at, *found), switches

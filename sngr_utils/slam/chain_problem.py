@@ -134,18 +134,34 @@ def of_log(log: Log, landmarks: np.ndarray, landmark_prior_sigma: float) -> Chai
     )  # fmt: skip
 
 
-def weighted(chain: Chain, weights: np.ndarray, width: float, least: float) -> Chain:
+@compile_once
+def weighted(chain, weights, width, least):
     """The chain with every range to each landmark of which it has more than `least`.
 
     Parameters
     ----------
-    weights : (N, K), by which it counts there
+    weights : (N, K or more), by which it counts there
     width : of the range noise, in range sigmas
     """
-    m, k = np.nonzero(weights > least)
-    return chain._replace(
-        pose_of=chain.pose_of[m], landmark_of=k, ranges=chain.ranges[m],
-        sigmas=width * chain.sigmas[m], weights=weights[m, k],
+    (n, k), count = (len(weights), len(chain.landmark_means)), 0
+    for m in range(n):
+        for j in range(k):
+            count += weights[m, j] > least
+    pose_of, landmark_of = np.empty(count, np.int64), np.empty(count, np.int64)
+    ranges, sigmas, chances = np.empty(count), np.empty(count), np.empty(count)
+    count = 0
+    for m in range(n):
+        for j in range(k):
+            if weights[m, j] > least:
+                pose_of[count], landmark_of[count] = chain.pose_of[m], j
+                ranges[count], sigmas[count] = chain.ranges[m], width * chain.sigmas[m]
+                chances[count] = weights[m, j]
+                count += 1
+    return Chain(
+        chain.prior, chain.motions, chain.prior_information, chain.step_information,
+        pose_of, landmark_of, ranges, sigmas, chances,
+        chain.landmark_means, chain.landmark_information,
+        chain.calibration_means, chain.calibration_information, chain.columns,
     )  # fmt: skip
 
 

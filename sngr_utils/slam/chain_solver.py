@@ -48,6 +48,7 @@ class Policy(NamedTuple):
 
 
 CERES = Policy(1e-4, 2.0, 1e-16, 1e32, True, 50, 1e-6, 0.0)  # GTSAM's CeresDefaults
+THOROUGH = CERES._replace(most_steps=500, relative=1e-10, absolute=1e-10)
 # GTSAM's defaults, but that its lambda may fall to 0, which no factor raises again: a hang
 LEGACY = Policy(1e-5, 10.0, 1e-300, 1e5, False, 100, 1e-5, 1e-5)
 

@@ -55,6 +55,14 @@ def sure_factors(
     return factors
 
 
+def range_factors(the_world: simulation.World) -> gtsam.NonlinearFactorGraph:
+    """All ranges, by label."""
+    factors, sigma = gtsam.NonlinearFactorGraph(), the_world.scenario.range_sigma
+    for t, k, distance in zip(the_world.pose_of, the_world.label_of, the_world.ranges, strict=True):
+        factors.push_back(range_factor(int(t), int(k), distance, sigma))
+    return factors
+
+
 def range_derivatives(
     poses: np.ndarray, landmarks: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -191,7 +191,7 @@ def add_odometry(frames, prior, prior_information, motions, information, system)
 
 
 @compile_once
-def _accumulate(sums, lost, i, j, term):
+def accumulate(sums, lost, i, j, term):
     """Add `term` to ``sums[i, j]``, what rounding loses kept in ``lost[i, j]``.
 
     Source: Kahan, Communications of the ACM 8, 1965.
@@ -255,7 +255,7 @@ def add_ranges(
             system.pull[column[i]] += force * border[i]
             for j in range(size):
                 term = weight * border[i] * border[j]
-                _accumulate(front, lost, 3 + column[i], 3 + column[j], term)
+                accumulate(front, lost, 3 + column[i], 3 + column[j], term)
 
 
 @compile_once
@@ -293,7 +293,7 @@ def eliminate(own, rest, front, lost):
                 term = 0.0
                 for k in range(3):
                     term -= rest[t, k, i] * gain[k, j]
-                _accumulate(front, lost, i, j, term)
+                accumulate(front, lost, i, j, term)
         for i in range(3):
             for j in range(width):
                 rest[t, i, j] = gain[i, j]

@@ -5,16 +5,6 @@ import gtsam
 from sngr_utils.slam.solution import Solution
 
 
-def levenberg_marquardt(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Values:
-    """Optimise to convergence; robust losses are reweighted, which is slow."""
-    # GTSAM's own defaults let lambda underflow to 0, which no factor raises again: a hang
-    params = gtsam.LevenbergMarquardtParams.CeresDefaults()
-    params.setMaxIterations(500)
-    params.setRelativeErrorTol(1e-10)
-    params.setAbsoluteErrorTol(1e-10)
-    return gtsam.LevenbergMarquardtOptimizer(factors, values, params).optimize()
-
-
 def converge(solution: Solution, how: str = "batch", updates: int = 10) -> Solution:
     """The same factors with their estimate settled; `solution` is left as it was.
 

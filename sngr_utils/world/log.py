@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 
 NO_LABEL = -1
+BY_NOISE = 5.0  # sigmas, below zero, that a short range may be measured
 SYMMETRIC = 1e-9  # of the largest entry, a difference of mirror images that is rounding
 
 
@@ -30,7 +31,7 @@ class Log:
     odometry : (T-1, 3) measured motion from pose t to t+1 in the body frame of t, [m, m, rad]
     odometry_covariances : (T-1, 3, 3) of each step in that frame, or one (3, 3) of all
     pose_of : (M,) int, pose of each range
-    ranges : (M,), [m]
+    ranges : (M,), [m]; positive, but that noise may take a short one below zero
     range_sigmas : (M,), or one of all, [m]
     label_of : (M,) int, landmark each range says it is from (perhaps wrongly), -1 for no label
     n_landmarks : K; landmarks are 0 ... K-1
@@ -167,11 +168,14 @@ def _ranges(log: Log) -> dict:
     m, steps, k = _count("ranges", log.ranges), len(log.odometry), int(log.n_landmarks)
     found = {
         "pose_of": _index("pose_of", log.pose_of, m, 0, steps),
-        "ranges": _positive("ranges", log.ranges, (m,)),
+        "ranges": _array("ranges", log.ranges, (m,)),
         "range_sigmas": _positive("range_sigmas", log.range_sigmas, (m,)),
         "label_of": _index("label_of", log.label_of, m, NO_LABEL, k - 1),
         "row_of": np.arange(m) if log.row_of is None else _index("row_of", log.row_of, m, 0, None),
     }
+    least = -BY_NOISE * found["range_sigmas"]
+    bad = (found["ranges"] == 0) | (found["ranges"] < least)
+    _refuse("ranges", found["ranges"], bad, "it must be positive, or below zero by noise")
     if log.label_probabilities is not None:
         chances = _array("label_probabilities", log.label_probabilities, (m, k))
         bad = (chances < 0).any(axis=1) | (chances.sum(axis=1) > 1 + 1e-9)

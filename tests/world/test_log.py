@@ -41,6 +41,7 @@ BAD = [
     (with_row("ranges", 2, np.nan), r"ranges\[2\]"),
     (with_row("ranges", 1, 0.0), r"ranges\[1\]"),
     (with_row("ranges", 3, -2.0), r"ranges\[3\]"),
+    (with_row("ranges", 3, -0.51), r"ranges\[3\]"),
     (with_row("ranges", 3, np.inf), r"ranges\[3\]"),
     (with_row("range_sigmas", 1, 0.0), r"range_sigmas\[1\]"),
     (with_row("odometry", 1, np.inf), r"odometry\[1\]"),
@@ -75,6 +76,13 @@ BAD = [
 def test_what_must_be_refused_is_refused_by_field_and_row(changes, named):
     with pytest.raises(ValueError, match=named):
         Log(**{**GOOD, **changes})
+
+
+def test_noise_may_take_a_short_range_below_zero():
+    """By five sigmas at most; seed 103 has such a range."""
+    assert Log(**{**GOOD, **with_row("ranges", 3, -0.49)}).ranges[3] == -0.49
+    drawn = simulate(Scenario(), 0.0, rng=np.random.default_rng(103))
+    assert drawn.log([0.1, 0.1, 0.05]).ranges.min() == drawn.ranges.min() < 0
 
 
 def test_unsorted_ranges_are_sorted_by_pose_and_know_their_row():
