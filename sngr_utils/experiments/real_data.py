@@ -10,11 +10,10 @@ from sngr_utils.files import formats, plaza
 from sngr_utils.files.recording import Recording
 from sngr_utils.metrics.alignment import aligned_errors, rigid
 from sngr_utils.metrics.rmse_and_nees import nees
-from sngr_utils.robust import growing_map
+from sngr_utils.robust import growing_map, losses
 from sngr_utils.robust.association import NEGLIGIBLE
 from sngr_utils.robust.growing_map import GrownMap
-from sngr_utils.robust.losses import CAUCHY_K, HUBER_K
-from sngr_utils.slam import chain_problem, chain_solver, range_loss
+from sngr_utils.slam import chain_problem, chain_solver
 from sngr_utils.slam.aligned_covariance import aligned_covariances
 from sngr_utils.slam.landmark_starts import start_landmarks
 from sngr_utils.world.dead_reckoning import dead_reckoning
@@ -22,11 +21,7 @@ from sngr_utils.world.log import NO_LABEL, Log
 from sngr_utils.world.truth import Truth
 from sngr_utils.world.wrong_associations import wrong_associations
 
-LOSSES = {
-    "least_squares": range_loss.LEAST_SQUARES,
-    "huber": range_loss.Loss(range_loss.HUBER, HUBER_K),
-    "cauchy": range_loss.Loss(range_loss.CAUCHY, CAUCHY_K),
-}
+BATCH = ("least_squares", "huber", "cauchy")
 FAR = 5.0  # m, a held-out error that is told apart
 CLUTTER, STRETCHED = 0.6, 1.2  # provoked: share of ranges from nothing, factor on all ranges
 NAMELESS = ("no labels", "shuffled")  # labels that do not tell landmarks apart
@@ -104,7 +99,8 @@ def _batch(log: Log) -> list[tuple[str, np.ndarray]]:
     found = [("dead_reckoning", poses)]
     landmarks = start_landmarks(log, poses, "grid")
     chain = chain_problem.of_log(log, landmarks, growing_map.WIDE * float(log.ranges.max()))
-    for method, loss in LOSSES.items():
+    for method in BATCH:
+        loss = losses.LOSSES[method]
         solved = chain_solver.solve(chain, poses, landmarks, loss, chain_solver.CERES)
         found.append((method, solved.poses))
     return found

@@ -8,8 +8,9 @@ import joblib
 import numpy as np
 
 from sngr_utils.detection import leverage, mirror_image
-from sngr_utils.experiments import estimators, sampler_contest
+from sngr_utils.experiments import estimators, one_range, sampler_contest
 from sngr_utils.online import estimator
+from sngr_utils.robust import louis_covariance
 from sngr_utils.sampling import engines
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.targets import compiled
@@ -38,10 +39,12 @@ def compile_samplers() -> None:
 
 
 def compile_estimators() -> None:
-    """FastSLAM, EM, the marginals of windows, the mirror test, and the fast path."""
-    for method in ("fastslam", "em_exclusive"):
+    """FastSLAM, the batch estimates, marginals of windows, the mirror test, and the fast path."""
+    for method in ("fastslam", "em", "em_exclusive", "gnc_tls", "switchable", "max_mixture_all"):
         rng = np.random.default_rng(0)
         estimators.estimate(_small(), conventions.PRESETS["C"], method, "grid", rng=rng)
+    louis_covariance.times(np.ones((1, 3, 3)), np.ones((1, 3, 5)), np.eye(5), np.ones((5, 1)))
+    one_range.kernels(np.zeros(1), scenario.Scenario())
     selected_inverse(
         np.zeros((3, 3)), np.zeros((1, 2)), np.zeros((2, 3)), np.zeros(1, int), np.zeros(1, int),
         x0_mean=np.zeros(3), x0_sigmas=np.ones(3), odometry_sigmas=np.ones(3),

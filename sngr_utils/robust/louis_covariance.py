@@ -207,7 +207,7 @@ def _inverse(blocks: Blocks) -> np.ndarray:
 
 
 @compile_once
-def _times(own, rest, front, vectors):
+def times(own, rest, front, vectors):
     """The matrix times (D, n) vectors."""
     product, n, last = np.zeros(vectors.shape), vectors.shape[1], 3 * len(own)
     for t in range(len(own)):
@@ -230,7 +230,7 @@ def _times(own, rest, front, vectors):
 
 def _capped(complete: Blocks, withheld: Blocks, n_poses: int, size: int) -> np.ndarray:
     """`_inverse` of C - M, with no share of M above `MOST_MISSING`, by all directions."""
-    pencil = (_times(*blocks, np.eye(size)) for blocks in (withheld, complete))
+    pencil = (times(*blocks, np.eye(size)) for blocks in (withheld, complete))
     shares, directions = linalg.eigh(*pencil)
     scaled = directions / np.sqrt(1 - np.clip(shares, 0, MOST_MISSING))
     rows = scaled[: 3 * n_poses].reshape(n_poses, 3, size)
@@ -257,8 +257,8 @@ def _capped_in_few(
         return iterative.LinearOperator((size, size), work, dtype=float)
 
     shares, directions = iterative.eigsh(
-        operator(lambda v: _times(*withheld, v.reshape(size, 1)).ravel()), n_above,
-        operator(lambda v: _times(*complete, v.reshape(size, 1)).ravel()), which="LA",
+        operator(lambda v: times(*withheld, v.reshape(size, 1)).ravel()), n_above,
+        operator(lambda v: times(*complete, v.reshape(size, 1)).ravel()), which="LA",
         v0=np.ones(size), Minv=operator(solve),
     )  # fmt: skip
     grown = 1.0

@@ -5,12 +5,12 @@ import tracemalloc
 from dataclasses import replace
 
 import gtsam
-import gtsam_definition
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L, X
 from scipy import linalg, special, stats
 
+from sngr_utils.experiments import gtsam_estimates
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.robust import association, em, losses, louis_covariance, mutual_exclusion
 from sngr_utils.robust.association import Shares
@@ -393,7 +393,7 @@ def test_on_clean_data_em_is_the_oracle(exclusive):
 
 def _oracle_graph(clean, poses, landmarks):
     factors = sure_factors(clean, C, landmarks)
-    factors.push_back(gtsam_definition.range_factors(clean, landmarks))
+    factors.push_back(gtsam_estimates.range_factors(clean, landmarks))
     return factors, solution.values_of(poses, landmarks)
 
 
@@ -435,7 +435,7 @@ def test_em_ends_at_a_fixed_point_and_leaves_its_start_alone(exclusive):
         sigma = 0.1 / np.sqrt(found.weights[m, k])
         factors.push_back(range_factor(int(drawn.pose_of[m]), k, drawn.ranges[m], sigma))
     values = solution.values_of(found.poses, found.landmarks)
-    best = gtsam_definition.levenberg_marquardt(factors, values)
+    best = gtsam_estimates.levenberg_marquardt(factors, values)
     assert np.abs(solution.poses_of(best, 10) - found.poses)[:, :2].max() < 1e-4
     assert np.array_equal(found.responsibilities, found.weights[:, :-1])
 
@@ -481,7 +481,7 @@ def test_em_finds_a_range_offset_with_the_rest():
 def matrix(blocks):
     """The whole matrix of a chain's blocks."""
     size = 3 * len(blocks[0]) + len(blocks[2]) - 3
-    return louis_covariance._times(*blocks, np.eye(size))
+    return louis_covariance.times(*blocks, np.eye(size))
 
 
 def louis(drawn, poses, landmarks, weights, prior_sigma=C.landmark_prior_sigma):

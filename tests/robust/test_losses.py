@@ -1,10 +1,10 @@
 from dataclasses import replace
 
-import gtsam_definition
 import numpy as np
 import pytest
 from scipy import stats
 
+from sngr_utils.experiments import gtsam_estimates
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.robust import losses
 from sngr_utils.slam import conventions, factors, landmark_starts, marginals, solution
@@ -99,7 +99,7 @@ def test_marginals_are_those_of_the_weights_of_the_loss():
         weights = np.append(np.ones(sure.size()), INFLUENCE[method](residuals) / residuals)
         sure.push_back(factors.range_factors(drawn))
         values = solution.values_of(found.poses, found.landmarks)
-        graph = gtsam_definition.reweighted(sure, weights)
+        graph = gtsam_estimates.reweighted(sure, weights)
         plain = solution.Solution(None, graph, values, 30, 6)
         expected = marginals.position_covariances(plain, "world")
         assert np.allclose(found.position_covariances, expected, rtol=0.02)
@@ -114,7 +114,7 @@ def test_the_minimum_is_that_of_gtsam(method):
         blind = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
         log = drawn.log(C.x0_sigmas)
         start = (blind, landmark_starts.start_landmarks(log, blind, "grid"))
-        theirs = gtsam_definition.solve(drawn, C, method, start)
+        theirs = gtsam_estimates.solve(drawn, C, method, start)
         ours = losses.solve(log, C, method, start)
         assert distance(ours.poses, theirs.poses) < 1e-4
         assert distance(ours.landmarks, theirs.landmarks) < 1e-4

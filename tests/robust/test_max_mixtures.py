@@ -1,9 +1,9 @@
 from dataclasses import replace
 
-import gtsam_definition
 import numpy as np
 import pytest
 
+from sngr_utils.experiments import gtsam_estimates
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.robust import losses, max_mixtures
 from sngr_utils.slam import conventions, landmark_starts, solution
@@ -62,7 +62,7 @@ def test_the_solution_is_the_optimum_of_the_components_it_would_choose(component
         the_world.pose_of, label, the_world.ranges, sigmas, strict=True
     ):
         factors.push_back(range_factor(int(t), int(k), distance, sigma))
-    best = gtsam_definition.levenberg_marquardt(
+    best = gtsam_estimates.levenberg_marquardt(
         factors, solution.values_of(found.poses, found.landmarks)
     )
     assert np.abs(solution.poses_of(best, 30) - found.poses).max() < 1e-4

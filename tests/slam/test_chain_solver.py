@@ -1,11 +1,11 @@
 """The chain solver against GTSAM, which defines what it must find."""
 
 import gtsam
-import gtsam_definition
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L, X
 
+from sngr_utils.experiments import gtsam_estimates
 from sngr_utils.robust import losses, switchable_constraints
 from sngr_utils.slam import (
     chain_cost,
@@ -228,7 +228,7 @@ def test_the_minimum_is_that_of_gtsam(name):
     for seed, p in ((100, 0.0), (101, 0.2), (102, 0.4)):
         drawn = simulated(p, seed)
         start = blind_start(drawn)
-        theirs = gtsam_definition.solve(drawn, C, name, start)
+        theirs = gtsam_estimates.solve(drawn, C, name, start)
         ours = chain_solver.solve(chain_of(drawn, start[1]), *start, LOSSES[name][0], TO_THE_END)
         assert ours.converged
         assert np.abs(ours.poses - theirs.poses).max() < SAME
@@ -261,7 +261,7 @@ def test_one_range_may_be_of_two_landmarks():
         landmark_of=np.append(drawn.label_of, (drawn.label_of + 1) % 6),
         weights=np.repeat([0.7, 0.3], 180),
     )  # fmt: skip
-    theirs = gtsam_definition.levenberg_marquardt(gtsam_graph(given), solution.values_of(*start))
+    theirs = gtsam_estimates.levenberg_marquardt(gtsam_graph(given), solution.values_of(*start))
     found = chain_solver.solve(chain_problem.make(**given), *start, SQUARE, TO_THE_END)
     assert np.abs(found.poses - solution.poses_of(theirs, 30))[:, :2].max() < SAME
 
@@ -271,7 +271,7 @@ def test_graduated_non_convexity_is_that_of_gtsam(method):
     for seed, p in ((100, 0.0), (103, 0.3)):
         drawn = simulated(p, seed)
         start = blind_start(drawn)
-        theirs = gtsam_definition.solve(drawn, C, method, start)
+        theirs = gtsam_estimates.solve(drawn, C, method, start)
         ours, weights = graduated.solve(
             chain_of(drawn, start[1]), *start, method == "gnc_tls", losses.GNC_SQUARED
         )
@@ -295,7 +295,7 @@ def test_geman_and_mcclures_loss_is_a_switch_on_every_range():
     loss = range_loss.Loss(range_loss.GEMAN_MCCLURE, 1 / switchable_constraints.SWITCH_SIGMA)
     drawn = simulated(0.3, 102)
     start = blind_start(drawn)
-    theirs = gtsam_definition.solve(
+    theirs = gtsam_estimates.solve(
         drawn, C, "switchable", start, ESTIMATORS.GemanMcClure.Create(loss.constant)
     )
     ours = chain_solver.solve(chain_of(drawn, start[1]), *start, loss, TO_THE_END)
@@ -367,7 +367,7 @@ def test_a_known_scale_and_offset_are_taken_off_the_ranges(offset):
 def test_covariances_are_those_of_gtsam(name):
     drawn = simulated(0.2, 101)
     start = blind_start(drawn)
-    theirs = gtsam_definition.solve(drawn, C, name, start)
+    theirs = gtsam_estimates.solve(drawn, C, name, start)
     found = chain_solver.solve(chain_of(drawn, start[1]), *start, LOSSES[name][0], TO_THE_END)
     marginals = gtsam.Marginals(theirs.graph, theirs.estimate)
     for t in (0, 11, 29):
@@ -388,7 +388,7 @@ def test_absent_landmarks_take_their_ranges_with_them():
     drawn = simulated(0.2, 103)
     start = blind_start(drawn)
     start[1][[1, 4]] = np.nan
-    theirs = gtsam_definition.solve(drawn, C, "huber", start)
+    theirs = gtsam_estimates.solve(drawn, C, "huber", start)
     found = chain_solver.solve(chain_of(drawn, start[1]), *start, LOSSES["huber"][0], TO_THE_END)
     assert np.abs(found.poses - theirs.poses)[:, :2].max() < SAME
     assert np.isnan(found.landmarks[[1, 4]]).all()

@@ -79,9 +79,9 @@ def test_what_must_be_refused_is_refused_by_field_and_row(changes, named):
 
 
 def test_noise_may_take_a_short_range_below_zero():
-    """By five sigmas at most; seed 103 has such a range."""
+    """By five sigmas at most; seed 115 has such a range."""
     assert Log(**{**GOOD, **with_row("ranges", 3, -0.49)}).ranges[3] == -0.49
-    drawn = simulate(Scenario(), 0.0, rng=np.random.default_rng(103))
+    drawn = simulate(Scenario(), 0.0, rng=np.random.default_rng(115))
     assert drawn.log([0.1, 0.1, 0.05]).ranges.min() == drawn.ranges.min() < 0
 
 
