@@ -26,9 +26,9 @@ def compile_all(jobs: int = 2) -> None:
     """
     parts = (compile_samplers, compile_estimators)
     joblib.Parallel(n_jobs=jobs)(joblib.delayed(part)() for part in parts)
-    estimator.run(
-        _small(), conventions.PRESETS["C"], estimator.Settings(), rng=np.random.default_rng(0)
-    )
+    preset = conventions.PRESETS["C"]
+    log = _small().log(preset.x0_sigmas)
+    estimator.run(log, preset, estimator.Settings(), rng=np.random.default_rng(0))
 
 
 def compile_samplers() -> None:
