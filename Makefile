@@ -158,7 +158,7 @@ site: setup
 
 test-site: site
 	@bash scripts/install_browser.sh
-	@$(PY) -m pytest tests/site
+	@$(PY) -m pytest tests/site/test_*.py --dist=load
 
 # A study that stands outside `make paper`: make study/NAME, as often as it is interrupted.
 study/%: setup

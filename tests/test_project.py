@@ -127,17 +127,35 @@ def test_equations_lead_to_code_and_back():
     assert sorted(tested) == labels
 
 
-def test_lock_pins_everything_with_hashes_and_no_address():
-    text = paths.LOCK.read_text(encoding="utf-8")
+SITE_LOCK = paths.ROOT / "docs/site/requirements.lock"
+
+
+def test_locks_pin_the_same_versions():
+    locked = [
+        set(
+            re.findall(r"^([\w.-]+)(?:\[[\w,-]+\])?==(\S+)", path.read_text(encoding="utf-8"), re.M)
+        )
+        for path in (paths.LOCK, SITE_LOCK)
+    ]
+    both = {name for name, _ in locked[0]} & {name for name, _ in locked[1]}
+    assert len(both) > 20
+    pinned = [{pair for pair in pairs if pair[0] in both} for pairs in locked]
+    assert pinned[0] == pinned[1]
+
+
+@pytest.mark.parametrize(("lock", "group"), [(paths.LOCK, "dev"), (SITE_LOCK, "site")])
+def test_lock_pins_everything_with_hashes_and_no_address(lock, group):
+    text = lock.read_text(encoding="utf-8")
     assert "://" not in text
     blocks = re.split(r"\n(?=\S)", text.strip())
-    assert len(blocks) > 100
+    assert len(blocks) > 50
     for block in blocks:
         assert re.match(r"[\w.-]+(\[[\w,-]+\])?==\S+", block), block
         assert "--hash=sha256:" in block, block
     pinned = {re.split(r"==|\[", block)[0].lower().replace("_", "-") for block in blocks}
     project = tomllib.loads((paths.ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    required = project["project"]["dependencies"] + project["dependency-groups"]["dev"]
+    required = project["dependency-groups"][group]
+    required += project["project"]["dependencies"] if group == "dev" else []
     names = {re.split(r"[<>=;\[ ]", entry)[0].lower() for entry in required}
     normal = {re.sub(r"[._]", "-", name) for name in names}
     assert normal <= {re.sub(r"[._]", "-", name) for name in pinned}

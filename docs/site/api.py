@@ -64,7 +64,8 @@ class Qualified(ast.NodeTransformer):
         return self.generic_visit(node)
 
     def visit_Name(self, node: ast.Name) -> ast.Name:
-        return ast.Name(self.known.get(node.id, node.id))
+        constant = node.id.isupper()  # a default value, not an annotation
+        return node if constant else ast.Name(self.known.get(node.id, node.id))
 
 
 def members(parent: ast.AST, kind: str) -> list[str]:

@@ -13,19 +13,21 @@ import shutil
 from pathlib import Path
 
 import api
+import glossary
 import nbformat
 
 from sngr_utils import paths
 from sngr_utils.publish import claims
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).resolve().parent
+DOCS = HERE.parent
 SOURCE = paths.BUILD / "site-source"
 LINK = re.compile(r"(?<!!)\[([^\]]+)\]\((?!\w+:|#)([^)\s#]+)(#[^)\s]*)?\)")
 PARTS = {
     "Start here": ["notebooks/00_*"],
     "The paper": ["notebooks/0[1-5]_*", "verdicts.md"],
     "Beyond": ["notebooks/0[6-9]_*", "notebooks/[1-9]*"],
-    "Look up": ["docs/*", "CONTRIBUTING.md"],
+    "Look up": ["docs/*.md", "docs/*/*.md", "CONTRIBUTING.md"],
     "The library": ["api/*"],
 }
 PDFS = {"sngr.pdf": "the paper (PDF)", "supplement.pdf": "its supplement (PDF)"}
@@ -36,8 +38,11 @@ def main() -> None:
     shutil.rmtree(SOURCE, ignore_errors=True)
     for path in sorted(paths.NOTEBOOKS.glob("*.ipynb")):
         write(f"notebooks/{path.name}", chapter(path))
-    for path in [paths.ROOT / "CONTRIBUTING.md", *sorted((paths.ROOT / "docs").glob("*.md"))]:
-        write(path.relative_to(paths.ROOT), linked(path.read_text(encoding="utf-8"), path.parent))
+    for path in [paths.ROOT / "CONTRIBUTING.md", *DOCS.rglob("*.md")]:
+        if HERE not in path.parents:
+            text = linked(path.read_text(encoding="utf-8"), path.parent)
+            name = path.relative_to(paths.ROOT)
+            write(name, glossary.with_anchors(text) if path.stem == "glossary" else text)
     for name, text in api.pages().items():
         write(f"api/{name}.rst", text)
     write("verdicts.md", verdicts())
@@ -68,6 +73,8 @@ def linked(text: str, folder: Path) -> str:
             return f"[{words}](#{'.'.join(parts)})"
         if path.is_dir():
             return words
+        if path == paths.README:
+            address = f"{address.removesuffix(path.name)}index.md"
         if path.suffix in {".md", ".ipynb"}:
             return f"[{words}]({address}{anchor or ''})"
         copy(name)
@@ -112,7 +119,7 @@ def with_downloads(first: str, path: Path) -> str:
 
     They lie outside of the source, which knows one file of a name.
     """
-    offered = {path: "this notebook", paths.BUILD / "students" / path.name: "without its solutions"}
+    offered = {path: "this notebook", paths.BUILD / "student" / path.name: "without its solutions"}
     links = []
     for original, words in offered.items():
         if original.exists():

@@ -1,15 +1,17 @@
 """How Sphinx makes the site from build/site-source. Every file that a page asks for is its own."""
 
 import re
+import sys
 from pathlib import Path
 
 from sngr_utils import paths
 
 HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))  # for its own extension
 
 project = "SNGR, reproduced"
 author = "The SNGR reproduction project"
-extensions = ["myst_nb", "sphinx-mathjax-offline"]
+extensions = ["myst_nb", "sphinx-mathjax-offline", "glossary"]
 exclude_patterns = ["downloads"]
 default_role = "code"
 
@@ -17,6 +19,7 @@ nb_execution_mode = "off"
 nb_merge_streams = True
 myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
+add_module_names = False  # the heading above has it
 toc_object_entries = False
 python_use_unqualified_type_names = True  # a signature links to World and shows no more than that
 
@@ -39,4 +42,5 @@ html_static_path = [str(HERE / "static")]
 html_css_files = ["site.css"]
 html_js_files = ["sort.js"]
 html_copy_source = False
+html_use_index = html_domain_indices = False  # the search finds a name sooner
 html_show_search_summary = False  # it is fetched, which a browser refuses in a folder
