@@ -5,13 +5,13 @@ roads, slips, noise that is not as stated. The oracle is least squares that is t
 sources, which ranges are clutter, the true noise, and which steps have slipped.
 """
 
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from sngr_utils.experiments.estimators import expected_nees
+from sngr_utils.experiments.online_variants import run_unwarned
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.online import estimator
 from sngr_utils.slam import chain_problem, chain_solver, landmark_starts
@@ -125,11 +125,8 @@ def rows(kind: str, preset: str, p: float, seed: int) -> list[dict]:
     world, sound = draw(kind, p, seed)
     conventions = PRESETS[preset]
     rng = np.random.default_rng([seed, STREAM, 1])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        found = estimator.run(
-            world.log(conventions.x0_sigmas), conventions, estimator.Settings(), rng=rng
-        )
+    log = world.log(conventions.x0_sigmas)
+    found = run_unwarned(log, conventions, estimator.Settings(), rng=rng)
     best, filtered = oracle(world, sound, conventions, from_grid=kind == "circle")
     truth = world.poses[:, :2]
     least = rmse_and_nees.rmse(best.poses[:, :2], truth)
