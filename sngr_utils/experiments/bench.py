@@ -55,13 +55,14 @@ class Performance:
 
 # The sampler of the paper with GTSAM's factors one by one in a Python loop: all of the closure,
 # as the paper describes it, and those that touch the window. Ratios are to the second.
+NESTLE, BLACKJAX = PEERS = ("nestle, one ellipsoid", "blackjax, nested slice")
 MOST_BIAS, MOST_ERROR = 0.05, 0.012  # nats, of an engine's log Z, that a ratio may stand beside
 CLOSURE_LOOP, WINDOW_LOOP = "dynesty, loop over the closure", "dynesty, loop over the window"
 
 
-def ratio(performances: dict[str, Performance], name: str) -> float:
-    """How many times faster than the loop over the window's factors."""
-    return float(performances[WINDOW_LOOP].seconds.mean() / performances[name].seconds.mean())
+def ratio(performances: dict[str, Performance], name: str, to: str) -> float:
+    """How many times faster one is than another."""
+    return float(performances[to].seconds.mean() / performances[name].seconds.mean())
 
 
 def comparable(performance: Performance) -> bool:

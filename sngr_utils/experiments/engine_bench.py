@@ -9,7 +9,14 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L
 
-from sngr_utils.experiments.bench import CLOSURE_LOOP, WINDOW_LOOP, BenchSettings, Performance
+from sngr_utils.experiments.bench import (
+    BLACKJAX,
+    CLOSURE_LOOP,
+    NESTLE,
+    WINDOW_LOOP,
+    BenchSettings,
+    Performance,
+)  # fmt: skip
 from sngr_utils.sampling import (
     engines,
     importance,
@@ -105,14 +112,14 @@ def peers(base: Baseline, settings: SamplerSettings) -> list[Contender]:
     )
     found = []
     if peer_samplers.installed("nestle"):
-        found.append(Contender("nestle, one ellipsoid", settings, _nestle))
+        found.append(Contender(NESTLE, settings, _nestle))
     if peer_samplers.installed("blackjax"):
         slices = peer_samplers.NestedSlice(engines.flattened(window), settings)
 
         def sliced(likelihood, covariance, _settings, rng):
             return slices(engines.flattened(likelihood), covariance, rng=rng)
 
-        found.append(Contender("blackjax, nested slice", settings, sliced, 10))
+        found.append(Contender(BLACKJAX, settings, sliced, 10))
     return found
 
 

@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from sngr_utils.cost import Config, compare_engines, grow, likelihood_seconds
-from sngr_utils.experiments.bench import Performance, ratio
+from sngr_utils.experiments.bench import PEERS, WINDOW_LOOP, Performance, comparable, ratio
 from sngr_utils.metrics import standard_error
 from sngr_utils.publish import cells, report
 from sngr_utils.show import style
@@ -149,8 +149,8 @@ def record_engines(
         "closure_loop", "window_loop", "one_call", "compiled_walk_few", "compiled_walk",
         "nested_few", "nested", "fast",
     ), performances, strict=True))  # fmt: skip
-    for key in ("closure_loop", "compiled_walk_few", "compiled_walk", "nested", "fast"):
-        faster = ratio(performances, names[key])
+    for key in ("closure_loop", "nested", "fast"):
+        faster = ratio(performances, names[key], WINDOW_LOOP)
         to.value(f"engine.{key}.ratio", faster, ".1f" if faster < 10 else ".0f", timing=True)
     for key in ("window_loop", "nested_few", "nested"):
         errors = performances[names[key]].errors
@@ -176,28 +176,44 @@ def record_engines(
     to.value("growth.slope", grown.slope("marginals, selected inverse"), timing=True)
 
 
-def speed_table(performances: dict[str, Performance], per_call: float) -> pd.DataFrame:
-    """CPU time of a window and how many times faster than the loop, beside its calls alone.
+def speed_table(
+    performances: dict[str, Performance], per_call: float, peers: Sequence[str] = ()
+) -> pd.DataFrame:
+    """CPU time of a window with its quartiles, beside its calls alone, and ratios where they hold.
+
+    A ratio stands where both find the same number, see `bench.comparable`.
 
     Parameters
     ----------
     per_call : CPU time of one whole compiled likelihood, [s]; a sampler that ends a call early,
         where the sum has passed its limit, needs less
+    peers : names of other people's samplers; the quickest comparable one gets a column
     """
+    sound = [name for name in peers if comparable(performances[name])]
+    best = min(sound, key=lambda name: performances[name].seconds.mean(), default=None)
     rows = []
     for name, p in performances.items():
-        seconds, calls = p.seconds.mean(), p.calls.mean()
-        faster = ratio(performances, name)
-        rows.append([
-            name,
-            t(faster, ".1f" if faster < 10 else ".0f"),
-            t(1e3 * seconds, ".0f" if seconds > 0.05 else ".1f"),
-            t(1e3 * calls * per_call, ".1f"),
-            t(calls, ".0f"),
-            t(p.ess.sum() / p.seconds.sum(), ".0f"),
-        ])
-    columns = ["engine", "ratio", "ms per window", "calls alone [ms]", "calls", "ESS per s"]
-    return pd.DataFrame(rows, columns=columns)
+        milliseconds, calls = 1e3 * p.seconds, p.calls.mean()
+        fmt = ".0f" if milliseconds.mean() > 50 else ".1f"
+        rows.append({
+            "engine": name,
+            "ratio": _ratio(performances, name, WINDOW_LOOP),
+            **({f"over {best}": _ratio(performances, name, best)} if best else {}),
+            "ms per window [quartiles]": cells.with_interval(
+                milliseconds.mean(), *np.quantile(milliseconds, [0.25, 0.75]), fmt
+            ),
+            "calls alone [ms]": t(1e3 * calls * per_call, ".1f"),
+            "calls": t(calls, ".0f"),
+            "ESS per s": t(p.ess.sum() / p.seconds.sum(), ".0f"),
+        })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def _ratio(performances: dict[str, Performance], name: str, to: str) -> cells.Cell | str:
+    if name != to and not comparable(performances[name]):
+        return cells.NONE
+    faster = ratio(performances, name, to)
+    return t(faster, ".1f" if faster < 10 else ".0f")
 
 
 def speed_series(
@@ -278,8 +294,11 @@ def draw_growth(ax: Axes, lengths: np.ndarray, seconds: dict[str, np.ndarray],
 
 def print_bench(config: Config) -> None:
     """What ``make bench`` prints: speed and accuracy of the engines, growth of the marginals."""
-    performances = compare_engines(config)
-    print(speed_table(performances, likelihood_seconds(config)).to_string(index=False))
+    performances = compare_engines(config, with_peers=True)
+    peers = [name for name in performances if name in PEERS]
+    print(speed_table(performances, likelihood_seconds(config), peers).to_string(index=False))
+    if not peers:
+        print("no other people's samplers are installed: pip install 'sngr_utils[peers]'")
     print()
     print(accuracy_table(performances).to_string(index=False))
     print()

@@ -13,7 +13,8 @@ from sngr_utils.world.simulation import World
 def start_of(world: World) -> gtsam.Values:
     """Dead-reckoned poses, and each landmark from the first three of them that saw it."""
     poses = dead_reckoning(world.x0_mean, world.odometry)
-    return values_of(poses, landmark_starts.start_landmarks(world, poses, "first_poses"))
+    log = world.log([1.0, 1.0, 1.0])  # no start depends on the prior of the first pose
+    return values_of(poses, landmark_starts.start_landmarks(log, poses, "first_poses"))
 
 
 def variables(solution: Solution) -> list[int]:

@@ -32,8 +32,8 @@ def test_every_engine_takes_part_and_is_measured(engines):
         assert (p.seconds >= 0).all()
         assert (p.calls > 30).all()
         assert (np.abs(p.errors) < 3).all()  # ten times the error of 30 live points
-    assert bench.ratio(performances, bench.WINDOW_LOOP) == 1
-    assert bench.ratio(performances, "fast path") > 10
+    assert bench.ratio(performances, bench.WINDOW_LOOP, bench.WINDOW_LOOP) == 1
+    assert bench.ratio(performances, "fast path", bench.WINDOW_LOOP) > 10
 
 
 def test_bench_tables_and_values(engines, tmp_path, capsys):
@@ -136,3 +136,13 @@ def test_bad_bench_names_the_parameter():
     }.items():
         with pytest.raises(ValueError, match=name):
             cost.Config(**{name: value})
+
+
+def test_a_ratio_stands_beside_a_small_bias_only():
+    """Errors of log Z with a standard error of .01: a bias of .02 is small, one of .04 is not."""
+    spread = np.tile([-0.2, 0.2], 200)
+    for shift, sound in ((0.02, True), (0.04, False), (-0.04, False)):
+        runs = bench.Performance(*[np.ones(400)] * 2, spread + shift, *[np.ones(400)] * 3)
+        assert bench.comparable(runs) == sound
+    few = bench.Performance(*[np.ones(100)] * 2, spread[:100], *[np.ones(100)] * 3)
+    assert not bench.comparable(few)
