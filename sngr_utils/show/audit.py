@@ -290,7 +290,8 @@ DETECTED = {
 ROBUST = ("cauchy", "dead_reckoning", "gnc_tls", "huber", "least_squares", "oracle")
 REFINED = {
     **dict.fromkeys(("sngr_pose_rmse", "sngr_landmark_rmse", "sngr_nees", "saving"), MOST),
-    **dict.fromkeys(("gain_min", "gain_max", "gain_peak_window", "ess_share"), (0.2,)),
+    **dict.fromkeys(("gain_min", "gain_peak_window", "ess_share"), (0.2,)),
+    "gain_max": (0.0, 0.2),
 }
 
 
