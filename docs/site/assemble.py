@@ -76,7 +76,8 @@ def linked(text: str, folder: Path) -> str:
         if path == paths.README:
             address = f"{address.removesuffix(path.name)}index.md"
         if path.suffix in {".md", ".ipynb"}:
-            return f"[{words}]({address}{anchor or ''})"
+            place = re.sub(r"[^\w-]", "", anchor or "").lower()  # Jupyter keeps dots and capitals
+            return f"[{words}]({address}{place and '#' + place})"
         copy(name)
         return f"[{words}](<path:{address}>)"
 
