@@ -150,7 +150,7 @@ coverage: check
 
 # The web site, from the committed notebooks as they are; open build/site/index.html.
 .PHONY: site test-site
-site: setup
+site: setup student
 	@bash scripts/setup_site.sh
 	@$(PY) docs/site/assemble.py
 	@rm -rf build/site

@@ -82,12 +82,7 @@ def _baseline(config: Config, p: float) -> Baseline:
 
 
 def compare_engines(config: Config, *, with_peers: bool = False) -> dict[str, Performance]:
-    """All engines on the same windows of one world (`engine_bench.compare`).
-
-    Parameters
-    ----------
-    with_peers : whether other people's samplers take part, those that are installed
-    """
+    """All engines, and other people's, on the same windows of a world (`engine_bench.compare`)."""
     from sngr_utils.experiments import engine_bench
 
     base, rng = _baseline(config, config.bench_p), np.random.default_rng([config.seed, 4])

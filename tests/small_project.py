@@ -17,9 +17,12 @@ NAME = "01_bimodal"
 CLAIMS = f"""
 reading: C
 why_this_reading: there is nothing to read
+ranges:
+  any: {{low: 0, high: 26, why: a count}}
+counted_once: []
 numbers:
 - {{id: seed, printed: baseline/0.0/triggered, what: a, where: b, ours: seed, rule: deterministic,
-   notebook: {NAME}, cell: c}}
+   range: any, notebook: {NAME}, cell: c}}
 prose:
 - {{id: small, where: b, says: the seed is small, ours: seed, at_most: 9, rule: value,
    notebook: {NAME}, cell: c}}

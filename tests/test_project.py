@@ -49,7 +49,9 @@ def test_a_copy_without_history_has_the_same_files(tmp_path):
 def test_no_global_random_state():
     for path in [*FILES, *paths.NOTEBOOKS.glob("*.ipynb")]:
         used = set(re.findall(r"np\.random\.(\w+)", path.read_text(encoding="utf-8")))
-        assert used <= {"default_rng", "Generator"}, path
+        assert used <= {"default_rng", "Generator", "RandomState"}, (
+            path
+        )  # the last: nestle takes no other
 
 
 def test_packages_hold_a_docstring_only():

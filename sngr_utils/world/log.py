@@ -2,6 +2,7 @@
 
 What happened in truth (`simulation.World`) is another object: who estimates takes a log, who
 judges takes both.
+Over 300 lines: a log, and the checks of each of its fields.
 """
 
 import warnings

@@ -95,6 +95,10 @@ def test_match():
     assert printed.match("baseline/{p}", ("baseline", "0.1", "rmse")) is None
 
 
+# the saving is largest without noise, whichever number is repaired
+STANDS = {("", "moderate noise")}
+
+
 def found(numbers):
     return {
         ("/".join(path), c.relation) for c in contradictions(numbers) for path in c.paths or [()]
@@ -113,6 +117,7 @@ def test_what_the_paper_contradicts_and_nothing_else(numbers):
         ("diagnostics_p0.2/delta_logp_max_in_conclusion", "largest gain"),
         ("", "precision one"),
         ("", "choice of tau"),
+        *STANDS,
     }
 
 
@@ -124,6 +129,7 @@ def test_contradictions_say_what_does_not_fit(numbers):
         "the row gives 23/26",
         "the table has less than 1 at p = 0.4",
         "3.92 is as silent and recalls more, 4 is as silent and larger",
+        "the table has 7.6 at p = 0, without noise in the labels",
         "two values of the same maximum",
     ]
 
@@ -149,7 +155,7 @@ def repaired(numbers):
 
 
 def test_consistent_numbers_are_not_flagged(numbers):
-    assert found(repaired(numbers)) == set()
+    assert found(repaired(numbers)) == STANDS
 
 
 SAME = "two tables disagree"
@@ -206,6 +212,7 @@ def test_each_relation_can_be_violated(numbers, path, text, expected):
     assert {
         (" ".join("/".join(leaf) for leaf in clash.paths), clash.relation, clash.why)
         for clash in contradictions(numbers)
+        if ("", clash.relation) not in STANDS
     } == expected
 
 

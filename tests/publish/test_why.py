@@ -39,7 +39,7 @@ def source_at(text):
 # by hand: the cell that hands it on, the cells that compute what it holds, its seeds, and how
 # often the paper asks for it
 BY_HAND = {
-    "bimodal.sigma_y": ("show.record(result, paper)", ["result = bimodal.run(config)"], "seed = 0"),
+    "bimodal.map_y": ("show.record(result, paper)", ["result = bimodal.run(config)"], "seed = 0"),
     "sweep.tau": (
         "show.record(sweep, presets, paper)", ["sweep = trigger_sweep.run(config)"],
         "seeds = [0, 1, 2, 3, 4]",
@@ -52,7 +52,7 @@ BY_HAND = {
         "show.record(config, runs, paper)", ["runs = peers.run(config)"], "first_seed = ",
     ),
     "online.p0.4.ratio": (
-        "show.record(config, runs, ablation, slips, paper)",
+        "show.record(config, runs, slips, paper)",
         ["runs = association_aware.run(config)"], "first_seed = 6000, n_seeds = 30",
     ),
 }  # fmt: skip
