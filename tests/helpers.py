@@ -27,10 +27,15 @@ def read_notebook(name):
     return nbformat.read(paths.NOTEBOOKS / f"{name}.ipynb", as_version=4)
 
 
+FIRST_CHAPTER = ("cost", "sigma", "error")
+
+
 def asked_keys():
-    """What the paper's text and the claims, under any preset, ask of the notebooks."""
+    """What the paper, the first chapter and the claims, under any preset, ask of the notebooks."""
     text = (paths.PAPER / "sngr.tex").read_text(encoding="utf-8").split(r"\begin{document}")[1]
     needed = {key for preset in conventions.PRESETS for key in claims.needed(preset)}
+    drives = [f"start.{drive}.{what}" for drive in ("right", "one_wrong") for what in FIRST_CHAPTER]
+    needed |= {"start.upper_mass", *drives}  # tests/test_start_here.py holds sentences against them
     return needed | set(re.findall(r"\\res\{([^}]*)\}", text))
 
 

@@ -179,6 +179,7 @@ def test_tables_figures_and_record(lesson, start, tmp_path):
     assert list(table.columns)[-1] == "error / σ"
     assert show.spot_table({"grid": (np.zeros(2), np.ones(2))}).iloc[0, 3] == "1.00"
     to = report.Report("x", tmp_path)
+    show.record({"right": fitted}, 0.1, to)
     fig, axes = plt.subplots(1, 6, figsize=(12, 2.5))
     x = np.arange(3.0)
     show.draw_scene(axes[0], lesson["drive"])

@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Ellipse
 
-from sngr_utils.publish import cells
+from sngr_utils.publish import cells, report
 from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
 from sngr_utils.start_here import LANDMARKS, POSES, Drive
@@ -122,6 +122,15 @@ def last_place(fitted: np.ndarray, covariance: np.ndarray) -> tuple[float, float
     """How far off the last place may be (its larger sigma) and how far off it is, [m]"""
     sigma = float(np.sqrt(np.diag(covariance)[8:10].max()))
     return sigma, float(np.linalg.norm(fitted[8:10] - POSES[-1]))
+
+
+def record(drives: Mapping, upper_mass: float, to: report.Report) -> None:
+    """Hand on what `make verify` compares."""
+    to.value("start.upper_mass", upper_mass)
+    for name, (cost, fitted, covariance) in drives.items():
+        sigma, error = last_place(fitted, covariance)
+        for what, value in (("cost", cost), ("sigma", sigma), ("error", error)):
+            to.value(f"start.{name}.{what}", value, unit="" if what == "cost" else "m")
 
 
 def _draw_ellipse(ax: Axes, mean: np.ndarray, covariance: np.ndarray, colour: str) -> None:
