@@ -158,7 +158,8 @@ def verdicts() -> str:
     presets = json.loads(paths.VERDICTS.read_text(encoding="utf-8"))
     reading = claims.read().reading
     others = [name for name in presets if name != reading]
-    heads = ["claim", "what", "rule", "printed", "ours", f"verdict ({reading})", *others]
+    heads = ["claim", "what", "rule", "printed", "ours", "share of the natural range that passes",
+             f"verdict ({reading})", *others]  # fmt: skip
     rows = []
     for claim, record in presets[reading].items():
         cells = record.split(" | ")
