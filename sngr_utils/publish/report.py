@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from IPython.display import HTML
+from IPython.display import HTML, Markdown
 from matplotlib.figure import Figure
 from ruamel.yaml import YAML
 
@@ -116,6 +116,15 @@ class Report:
         entry = {"columns": columns, "rows": rows}
         (self._timings if timing else self._results)["tables"][name] = entry
         return cells.show(frame)
+
+    def supplement(self, name: str, frame: pd.DataFrame, timing: bool = False) -> Markdown:
+        """Hand on a table that is too long for a lesson; returns where it can be read."""
+        self.table(name, frame, timing)
+        rows, columns = frame.shape
+        return Markdown(
+            f"The whole table, {rows} rows of {columns} columns, is *{name}* of the supplement"
+            f" (`make why TABLE={name}`)."
+        )
 
     def figure(self, fig: Figure, name: str, png: bool = False, timing: bool = False) -> None:
         """Save a figure as ``<notebook>_<name>.pdf``, and as PNG too if the README shows it.

@@ -1,3 +1,4 @@
+import json
 import math
 
 import matplotlib.pyplot as plt
@@ -106,3 +107,12 @@ def test_a_sample_keeps_its_worlds_and_prints_its_mean(tmp_path):
     del result["values"]["s"], result["samples"]  # a result from before there were samples
     assert files.entries(result) == {}
     assert latex.latex([result])["values.tex"] == "\n"
+
+
+def test_a_table_for_the_supplement_is_handed_on_and_only_named(tmp_path):
+    paper = report.Report("07_peers", tmp_path)
+    shown = paper.supplement("long", pd.DataFrame({"a": range(30), "b": range(30)}))
+    paper.save()
+    assert "30 rows of 2 columns" in shown.data
+    assert "TABLE=long" in shown.data
+    assert len(json.loads((tmp_path / "07_peers.json").read_text())["tables"]["long"]["rows"]) == 30
