@@ -1,4 +1,4 @@
-# make paper    from nothing to paper/sngr.pdf
+# make paper    from nothing to paper/sngr.pdf and paper/supplement.pdf
 # make test     everything that checks the project
 # `make help` lists the rest. Works with GNU Make 3.81 and later, with or without -j.
 
@@ -47,7 +47,7 @@ SUBMAKE = $(MAKE) --no-print-directory
 .PHONY: quick $(NOTEBOOKS:%=run/%) $(NOTEBOOKS:%=quick/%) $(NOTEBOOKS:%=refresh/%)
 
 help:
-	@echo 'make paper      everything, from nothing to paper/sngr.pdf (installs TeX by apt if it may: NO_APT=1 declines)'
+	@echo 'make paper      everything, from nothing to paper/sngr.pdf and its supplement (installs TeX by apt if it may: NO_APT=1 declines)'
 	@echo 'make test       tests, and the committed notebooks re-run and compared'
 	@echo 'make coverage   the unit tests, with the lines of the library they miss (90 % at least)'
 	@echo 'make mutants    break the library at random in MUTANTS places: do its tests notice?'
@@ -192,7 +192,7 @@ lock:
 	  --no-header --python-version 3.11 --group site -c environment.lock -o docs/site/requirements.lock
 
 clean:
-	rm -rf build paper/generated paper/sngr.pdf .pytest_cache .ruff_cache .coverage
+	rm -rf build paper/generated paper/sngr.pdf paper/supplement.pdf .pytest_cache .ruff_cache .coverage
 
 distclean: clean
 	rm -rf .venv .venv.before

@@ -10,7 +10,7 @@ import nbformat
 import numpy as np
 
 from sngr_utils import paths
-from sngr_utils.publish import claims, files, parameters
+from sngr_utils.publish import claims, files, links, parameters
 from sngr_utils.sampling.targets import ambiguous_window, landmark
 from sngr_utils.slam import conventions
 from sngr_utils.world import simulation, variations
@@ -27,16 +27,21 @@ def read_notebook(name):
     return nbformat.read(paths.NOTEBOOKS / f"{name}.ipynb", as_version=4)
 
 
+def paper_text():
+    """The paper and its supplement, without what stands before their first words."""
+    texts = [(paths.ROOT / file).read_text(encoding="utf-8") for file in links.DOCUMENTS]
+    return "\n".join(text.split(r"\begin{document}")[1] for text in texts)
+
+
 FIRST_CHAPTER = ("cost", "sigma", "error")
 
 
 def asked_keys():
     """What the paper, the first chapter and the claims, under any preset, ask of the notebooks."""
-    text = (paths.PAPER / "sngr.tex").read_text(encoding="utf-8").split(r"\begin{document}")[1]
     needed = {key for preset in conventions.PRESETS for key in claims.needed(preset)}
     drives = [f"start.{drive}.{what}" for drive in ("right", "one_wrong") for what in FIRST_CHAPTER]
     needed |= {"start.upper_mass", *drives}  # tests/test_start_here.py holds sentences against them
-    return needed | set(re.findall(r"\\res\{([^}]*)\}", text))
+    return needed | set(re.findall(r"\\res\{([^}]*)\}", paper_text()))
 
 
 def handed_on(to):

@@ -303,7 +303,7 @@ def test_with_tex_nothing_is_installed(tex):
     assert {line.split()[0] for line in log} == {"kpsewhich"}
 
 
-LOG = "../build/paper/sngr.log"
+LOG = "$into/$document.log"  # of the document that the stub is asked for
 
 
 @pytest.mark.parametrize(
@@ -320,17 +320,25 @@ LOG = "../build/paper/sngr.log"
         (f"rm -f {LOG}", "not typeset"),  # it went elsewhere: undefined references could hide
     ],
 )
-def test_a_paper_with_an_error_never_replaces_the_last_good_one(tex, latexmk, reason):
-    written = f"mkdir -p ../build/paper; echo new > ../build/paper/sngr.pdf; {latexmk}"
-    tex.stub("bin/latexmk", "latexmk", written)
-    (tex.folder / "paper/sngr.pdf").write_text("good\n")
+@pytest.mark.parametrize("spoiled", ["sngr", "supplement"])
+def test_a_paper_with_an_error_never_replaces_the_last_good_one(tex, latexmk, reason, spoiled):
+    """Nor does a supplement with one replace either of the two."""
+    names = "for last; do document=${last%.tex}; done; into=../build/paper"
+    written = f"mkdir -p $into; echo new > $into/$document.pdf; echo fine > {LOG}"
+    tex.stub(
+        "bin/latexmk", "latexmk",
+        f"{names}; {written}; if [ $document = {spoiled} ]; then {latexmk}; fi",
+    )  # fmt: skip
+    pdfs = [tex.folder / "paper" / f"{name}.pdf" for name in ("sngr", "supplement")]
+    for pdf in pdfs:
+        pdf.write_text("good\n")
     status, log = tex.run("bash", "scripts/typeset.sh")
     assert "-halt-on-error" in log[0]
     assert "-norc" in log[0]
-    kept = (tex.folder / "paper/sngr.pdf").read_text()
+    kept = [pdf.read_text() for pdf in pdfs]
     if reason is None:
-        assert (status, kept) == (0, "new\n"), tex.output
+        assert (status, kept) == (0, ["new\n"] * 2), tex.output
     else:
-        assert (status, kept) == (1, "good\n")
+        assert (status, kept) == (1, ["good\n"] * 2)
         assert "error: the paper was not typeset; the last good PDF is untouched." in tex.output
         assert reason in tex.output

@@ -9,6 +9,7 @@ import tomllib
 from fnmatch import fnmatch
 
 import pytest
+from helpers import paper_text
 
 from sngr_utils import paths
 
@@ -174,7 +175,7 @@ def test_no_tracked_file_names_a_machine_or_a_registry(name):
 
 def test_every_value_of_the_paper_is_named_once():
     """No digit with a decimal point is typed in the paper's results: they come by \\res."""
-    text = (paths.PAPER / "sngr.tex").read_text(encoding="utf-8")
+    text = paper_text()
     used = set(re.findall(r"\\res\{([\w.]+)\}", text))
     assert len(used) > 25
     for kind, count in (("tab", 6), ("fig", 10)):

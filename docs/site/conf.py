@@ -24,7 +24,7 @@ toc_object_entries = False
 python_use_unqualified_type_names = True  # a signature links to World and shows no more than that
 
 MACRO = re.compile(r"^\\newcommand\{\\(MAP|T)\}\{(.*)\}$", re.M)
-macros = dict(MACRO.findall((paths.PAPER / "sngr.tex").read_text(encoding="utf-8")))
+macros = dict(MACRO.findall((paths.PAPER / "preamble.tex").read_text(encoding="utf-8")))
 mathjax3_config = {"tex": {"macros": macros}}
 
 html_theme = "sphinx_book_theme"

@@ -25,6 +25,7 @@ PAPER = r"""\documentclass{article}\usepackage{booktabs,hyperref}
 \begin{document}Seed \csname res@seed\endcsname, drawn in
 \cellmark{figure@01_bimodal_f}.\label{here} See page~\pageref{here}.\end{document}
 """
+SUPPLEMENT = r"\documentclass{article}\begin{document}Seed, at length.\end{document}"
 # status of a copy's Python, as a user without rights to other's files would have it
 WITHOUT_RIGHTS = ("setpriv", "--bounding-set=-all", "--inh-caps=-all")
 
@@ -155,6 +156,7 @@ def make_template() -> None:
         source = ROOT / name
         (shutil.copytree if source.is_dir() else shutil.copy)(source, folder / name)
     (folder / "paper/sngr.tex").write_text(PAPER)
+    (folder / "paper/supplement.tex").write_text(SUPPLEMENT)
     (folder / "paper/reference").mkdir()
     shutil.copy(ROOT / f"paper/reference/{NAME}.json", folder / "paper/reference")
     shutil.copy(ROOT / "paper/verdicts.json", folder / "paper")

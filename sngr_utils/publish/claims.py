@@ -109,10 +109,18 @@ class Claims(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     reading: Literal[PRESET_NAMES]
     why_this_reading: str
+    headline: list[str]
     ranges: dict[str, Natural]
     counted_once: list[CountedOnce]
     numbers: list[NumberEntry]
     prose: list[ProseEntry]
+
+    @model_validator(mode="after")
+    def _headline_is_of_claims(self) -> "Claims":
+        known = {entry.id for entry in [*self.numbers, *self.prose]}
+        if unknown := [name for name in self.headline if name not in known]:
+            raise ValueError(f"headline: {unknown[0]!r} is the id of no claim")
+        return self
 
     @model_validator(mode="after")
     def _ranges_are_declared(self) -> "Claims":

@@ -153,7 +153,7 @@ def write_latex() -> None:
     judged = verdict_tables.judged(results_in(paths.RESULTS))
     files = latex.latex([*results, verdict_tables.result(judged)], timings)
     files["sources.tex"] = links.latex()
-    files["claims_full.tex"] = verdict_tables.chunks(judged.read)
+    files["claims_full.tex"] = verdict_tables.whole(judged.read)
     folder = paths.PAPER / "generated"
     folder.mkdir(exist_ok=True)
     for old in folder.glob("tab_*.tex"):

@@ -1,7 +1,8 @@
-"""The verdicts as tables: in the paper, in its appendix, and on the first screen of the README."""
+"""The verdicts as tables: in the paper, in its supplement, and on the front of the README."""
 
 from dataclasses import dataclass
 
+import numpy as np
 import pandas as pd
 
 from sngr_utils import paths
@@ -12,7 +13,6 @@ from sngr_utils.publish.notebooks import ProjectError
 from sngr_utils.settings import PRESET_NAMES
 
 BEGIN, END = "<!-- claims: written by make reference -->", "<!-- /claims -->"
-ROWS_PER_PAGE = 54
 KINDS = {"number": "numbers", "prose": "prose"}
 CONTROLS = {  # as `controls.table` names them
     "printed": "the paper's own numbers",
@@ -64,6 +64,7 @@ def result(verdicts: Verdicts) -> dict:
             line["pass"], ".1f" if line["pass"] % 1 else ".0f"
         )
     tables = {
+        "claims_headline": _table(headline(verdicts.rows), "p{66mm}p{27mm}p{32mm}lll"),
         "claims_summary": _table(summary(verdicts.rows)),
         "claims_controls": _table(control_table(verdicts.controls)),
         "claims_groups": _table(groups(verdicts.read), "llp{48mm}p{48mm}rl"),
@@ -124,6 +125,41 @@ def _share(share: float | None) -> str:
     return "< 1 %" if share < 0.01 else f"{share:.0%}".replace("%", " %")
 
 
+def headline(by_preset: dict[str, list[Row]]) -> pd.DataFrame:
+    """The claims that the main paper shows: ours, the verdicts, and what a test could refuse."""
+    reading = claims.read().reading
+    at = {preset: {row.id: row for row in rows} for preset, rows in by_preset.items()}
+    others = [preset for preset in at if preset != reading]
+    lines = []
+    for name in claims.read().headline:
+        row, elsewhere = at[reading][name], {}
+        for preset in others:
+            elsewhere.setdefault(at[preset][name].verdict, []).append(preset)
+        told = [f"{', '.join(who)}: {verdict}" for verdict, who in elsewhere.items()]
+        same = elsewhere.keys() == {row.verdict}
+        lines.append([row.what, row.printed, row.ours, _power(row), row.verdict,
+                      "the same" if same else "; ".join(told)])  # fmt: skip
+    heads = ["claim", "printed", f"ours, preset {reading}", "power", f"verdict, {reading}"]
+    return pd.DataFrame(lines, columns=[*heads, " and ".join(others)])
+
+
+def _power(row: Row) -> str:
+    """What a test could have refused: of a range, or how many worlds a claim in words needs."""
+    if row.kind == "number":
+        if row.share is None:
+            return cells.NONE
+        refused = "> 99 %" if row.share < 0.01 else f"{1 - row.share:.0%}".replace("%", " %")
+        return f"refuses {refused}"
+    entry = {each.id: each for each in claims.read().prose}[row.entry]
+    if entry.rule != "share":
+        return "a sign test" if entry.rule == "rises" else cells.NONE
+    n = int(row.n)
+    for k in range(n + 1):
+        if rules.share(np.arange(n) < k, entry.share) == rules.REPRODUCED:
+            return f"needs {k} of {n}"
+    return f"cannot, with {n}"
+
+
 def prose(rows: list[Row]) -> pd.DataFrame:
     """One row per claim in words."""
     lines = [[row.where, row.what, row.ours, row.verdict, row.notebook]
@@ -146,51 +182,47 @@ def every(rows: list[Row]) -> pd.DataFrame:
     return pd.DataFrame(lines, columns=columns)
 
 
-def chunks(rows: list[Row]) -> str:
-    """LaTeX: every claim with its verdict, as full-width tables that fill a page each."""
-    frame = every(rows)
-    pages = [frame.iloc[i : i + ROWS_PER_PAGE] for i in range(0, len(frame), ROWS_PER_PAGE)]
-    text = []
-    for number, page in enumerate(pages, start=1):
-        tabular = latex.latex_table(_table(page, "l" * len(page.columns)))
-        text.append(
-            "\\begin{table*}[p]\n\\caption{Every claim with its verdict, "
-            f"part {number} of {len(pages)}. Accepted: where the number by itself could lie; "
-            "share: how much of its natural range that is. A series has one verdict. The cell "
-            "that decides is in the last column.}\n"
-            "\\centering\\scriptsize\\setlength{\\tabcolsep}{3pt}\n"
-            f"{tabular}\\end{{table*}}\n"
-        )
-    return "\n".join(text)
+def whole(rows: list[Row]) -> str:
+    """LaTeX: every claim with its verdict, as one table that goes on from page to page."""
+    table = every(rows)
+    text = latex.latex_table(_table(table, "l" * len(table.columns)))
+    head, body = text.replace("{tabular}", "{longtable}").split("\\midrule\n")
+    begin, head = head.split("\n", 1)
+    caption = (
+        "\\caption{Every claim with its verdict. Accepted: where the number by itself could lie; "
+        "share: how much of its natural range that is. A series has one verdict. The cell "
+        "that decides is in the last column.}\\label{tab:every}\\\\\n"
+    )
+    return f"{begin}\n{caption}{head}\\midrule\\endfirsthead\n{head}\\midrule\\endhead\n{body}"
 
 
 def readme_block(verdicts: Verdicts) -> str:
-    """The counts and the controls as Markdown, between their markers."""
-    counted, prose_ = (judge.counts(verdicts.read, kind) for kind in KINDS)
-    rows = sum(counted.values()) - counted[rules.FOLLOWS]
-    intro = (
-        f"The paper prints {len(printed.leaves())} numbers; {counted[rules.FOLLOWS]} of them "
-        f"follow from others, and the rest makes {rows} rows, a series\nbeing one. These and "
-        f"{sum(prose_.values())} claims of its prose are judged by rules stated in\n"
-        "[claims.yaml](paper/claims.yaml), `sngr_utils/publish/prediction.py` and `rules.py`:"
-    )
-    worth = (
-        "What a verdict is worth: of the rows that our worlds can test, which would refuse 85 % or "
-        "more of\nwhat could have been printed, so many pass:"
-    )
-    return "\n".join([
-        BEGIN, intro, "", *_markdown(summary(verdicts.rows)), "", MEANING, "", worth, "",
-        *_markdown(control_table(verdicts.controls)), END,
-    ])  # fmt: skip
+    """The counts under each preset as a small table in Markdown, between their markers."""
+    reading = claims.read().reading
+    order = sorted(verdicts.rows, key=lambda each: each != reading)
+    numbers = {name: list(line[1:]) for name, line in zip(
+        CONTROLS, control_table(verdicts.controls).itertuples(index=False), strict=True
+    )}  # fmt: skip
+    prose_ = [judge.counts(verdicts.rows[preset], "prose") for preset in order]
+    holds = [f"{found[rules.REPRODUCED]} (+ {found[rules.TREND]}) of {sum(found.values())}"
+             for found in prose_]  # fmt: skip
+    lines = [[shown, *(holds if name == "holds" else numbers[name])]
+             for name, shown in README_ROWS.items()]  # fmt: skip
+    heads = ["what passes the test"] + [
+        f"preset {preset}" + (", our reading" if preset == reading else "") for preset in order
+    ]
+    table = _markdown(pd.DataFrame(lines, columns=heads))
+    return "\n".join([BEGIN, *table, END])
 
 
-MEANING = """\
-*Reproduced*: the row could have been refuted and was not. *Trend*: it is refuted, but most worlds
-(sign test, 2.5 %) change from its first level to its last in the printed direction; of prose, the
-claim holds in more than half of the worlds (lower 95 % limit), but not in 80 %. *Untestable*: our
-worlds differ so much that more than 15 % of all that could have been printed would pass. *Cannot
-hold*: the paper's own numbers contradict it. A fresh world is one of our 30, judged by the other
-29: that checks the error of the rules, not the likeness of our worlds to the paper's."""
+README_ROWS = {  # as CONTROLS names them, and the claims in words
+    "printed": "rows of printed numbers, of those that our worlds can refute",
+    "random": "the same rows with random numbers",
+    "fresh": "the same rows with one of our own worlds",
+    "triggers": "of these, rows of the trigger",
+    "silent": "the same for a trigger that never fires",
+    "holds": "claims in words (and as a trend)",
+}
 
 
 def _markdown(frame: pd.DataFrame) -> list[str]:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 
 from sngr_utils import paths
-from sngr_utils.publish import claims, notebooks, results, verified
+from sngr_utils.publish import claims, links, notebooks, results, verified
 from sngr_utils.publish.files import read_json
 from sngr_utils.publish.freshness import inputs, is_fresh
 from sngr_utils.publish.notebooks import ProjectError
@@ -123,19 +123,23 @@ def _made(notebook: str) -> Iterator[Line]:
 
 
 def _places(pattern: str, plain: str) -> Iterator[Line]:
-    """Lines of the paper that ask for a thing, and of the README that name it."""
-    section, found = "preamble", False
-    for number, line in enumerate(_text("paper/sngr.tex"), start=1):
-        heading = re.search(r"\\(?:sub)?section\*?\{([^}]*)\}|\\begin\{(abstract)\}", line)
-        section = (heading[1] or heading[2]) if heading else section
-        if re.search(pattern, line):
-            found = True
-            yield "paper", f"paper/sngr.tex:{number}, section {section!r}"
-    if not found:
-        yield "paper", "paper/sngr.tex does not show it"
+    """Lines of the paper, its supplement and the README that ask for a thing or name it."""
+    found = [place for file in links.DOCUMENTS for place in _asked_in(file, pattern)]
+    for place in found or ["neither the paper nor its supplement shows it"]:
+        yield "paper", place
     for number, line in enumerate(_text("README.md"), start=1):
         if re.search(rf"(?<![\w.]){re.escape(plain)}(?![\w])", line):
             yield "README", f"README.md:{number}"
+
+
+def _asked_in(file: str, pattern: str) -> Iterator[str]:
+    """Each line of a document that matches, with the heading above it."""
+    section = "preamble"
+    for number, line in enumerate(_text(file), start=1):
+        heading = re.search(r"\\(?:sub)?section\*?\{([^}]*)\}|\\begin\{(abstract)\}", line)
+        section = (heading[1] or heading[2]) if heading else section
+        if re.search(pattern, line):
+            yield f"{file}:{number}, section {section!r}"
 
 
 def _text(file: str) -> list[str]:

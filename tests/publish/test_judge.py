@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from helpers import read_notebook
+from scipy import stats
 
 from sngr_utils import paths
 from sngr_utils.publish import (
@@ -458,11 +459,33 @@ def test_tables_for_latex(verdicts):
     assert made["values"]["claims.printed"]["value"] == len(printed.leaves())
     assert typeset["tab_claims_prose.tex"].count(r"\\") == len(claims.read().prose) + 1
     assert len(made["tables"]["claims_controls"]["rows"]) == len(verdict_tables.CONTROLS)
-    full, lines = verdict_tables.chunks(rows), len(printed.leaves()) + len(claims.read().prose)
-    pages = math.ceil(lines / verdict_tables.ROWS_PER_PAGE)
-    assert full.count(r"\begin{table*}") == full.count(r"\bottomrule") == pages
+    full, lines = verdict_tables.whole(rows), len(printed.leaves()) + len(claims.read().prose)
+    assert full.startswith(r"\begin{longtable}")
+    assert full.count("id & printed") == 2  # on the first page, and on those that follow
     assert full.count("claim-") == lines
     assert not re.search(r"(?<!\\)[_%#]", full)
+
+
+def test_the_main_paper_shows_what_each_test_could_have_refused(verdicts):
+    """The fewest of 30 worlds whose share has a lower exact limit of four fifths: 29."""
+    shown = verdict_tables.headline(verdicts.rows).set_index("claim")
+    assert list(shown["printed"]) == [
+        next(row.printed for row in verdicts.read if row.id == name)
+        for name in claims.read().headline
+    ]
+    assert shown.loc["the trajectory error grows with p", "power"] == "needs 29 of 30"
+    assert stats.binomtest(29, 30).proportion_ci(0.95, "exact").low > 0.8
+    assert stats.binomtest(28, 30).proportion_ci(0.95, "exact").low < 0.8
+    nees = next(row for row in verdicts.read if row.id == "nees")
+    assert shown.loc["NEES", "power"] == f"refuses {1 - nees.share:.0%}".replace("%", " %")
+
+
+def test_a_headline_of_no_claim_is_a_sentence(monkeypatch, tmp_path):
+    text = paths.CLAIMS.read_text(encoding="utf-8")
+    monkeypatch.setattr(paths, "CLAIMS", tmp_path / "claims.yaml")
+    paths.CLAIMS.write_text(text.replace("headline: [inconsistent", "headline: [nothing"))
+    with pytest.raises(notebooks.ProjectError, match="'nothing' is the id of no claim"):
+        claims.read.__wrapped__()
 
 
 def test_readme_block_is_written_between_its_markers(verdicts, tmp_path, monkeypatch):
@@ -474,8 +497,8 @@ def test_readme_block_is_written_between_its_markers(verdicts, tmp_path, monkeyp
         verdict_tables.update_readme(verdicts)
         text = paths.README.read_text()
         assert text == f"before\n{block}\nafter\n"
-    assert "| numbers, preset C (our reading) |" in block
-    assert "| an invented trigger that never fires |" in block
+    assert "| preset C, our reading |" in block
+    assert block.count("\n|") == 2 + len(verdict_tables.README_ROWS)
     paths.README.write_text("no markers")
     with pytest.raises(notebooks.ProjectError, match="lacks the lines"):
         verdict_tables.update_readme(verdicts)

@@ -12,19 +12,20 @@ import shutil
 import subprocess
 import sys
 from contextlib import nullcontext
+from pathlib import Path
 from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import nbformat
 import numpy as np
 import pytest
-from helpers import asked_keys, read_notebook
+from helpers import asked_keys, paper_text, read_notebook
 from nbformat.v4 import new_code_cell, new_notebook, new_output
 from PIL import Image
 
 from sngr_utils import paths
 from sngr_utils.experiments import isam2_over_worlds
-from sngr_utils.publish import cells, claims, files, judge, latex, notebooks, verdict_tables
+from sngr_utils.publish import cells, claims, files, judge, latex, links, notebooks, verdict_tables
 from sngr_utils.publish.printed import leaves, matching
 from sngr_utils.publish.results import results_in
 from sngr_utils.slam.conventions import PRESETS
@@ -184,7 +185,7 @@ def test_an_altered_claim_is_noticed(reference, tmp_path, monkeypatch, file, old
 
 
 def test_every_printed_number_stands_beside_ours_in_the_paper(judged):
-    table = verdict_tables.chunks(judged.read)
+    table = verdict_tables.whole(judged.read)
     numbers = [one for row in judged.read for one in row.numbers]
     for one in numbers:
         shown = [cell.translate(latex.LATEX_CELL) for cell in (one.id, one.printed, one.ours)]
@@ -199,8 +200,7 @@ def test_every_printed_number_stands_beside_ours_in_the_paper(judged):
 
 def test_whatever_the_paper_asks_for_is_handed_on(reference, judged):
     """Else LaTeX stops, after the long run: \\res, \\tab and \\fig each need what they name."""
-    text = (paths.PAPER / "sngr.tex").read_text(encoding="utf-8")
-    body = text.split(r"\begin{document}")[1]
+    body = paper_text()
     made = verdict_tables.result(judged)
     values = set(re.findall(r"\\res\{([^}]*)\}", body))
     assert values <= reference.keys() | made["values"].keys()
@@ -228,7 +228,7 @@ def test_nothing_is_handed_on_that_nobody_asks_for(reference):
 
 def test_a_missing_value_is_an_error_of_latex():
     """The macro stops at an unknown key, and typesetting stops at the first error."""
-    text = (paths.PAPER / "sngr.tex").read_text(encoding="utf-8")
+    text = (paths.PAPER / "preamble.tex").read_text(encoding="utf-8")
     macro = re.search(r"\\newcommand\{\\res\}\[1\]\{(.*?)\n\s+(.*?)\n", text)
     assert macro[1] == r"\ifcsname res@#1\endcsname\csname res@#1\endcsname\else"
     assert macro[2].startswith(r"\PackageError{sngr}{")
@@ -278,5 +278,6 @@ def test_the_versions_of_python_are_the_same_everywhere():
 
 def test_what_a_run_makes_is_not_committed():
     ignored = (paths.ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
-    made = {"build/", ".venv/", "paper/generated/", "paper/sngr.pdf", "figures/*_timing.pdf"}
+    made = {"build/", ".venv/", "paper/generated/", "figures/*_timing.pdf"}
+    made |= {Path(file).with_suffix(".pdf").as_posix() for file in links.DOCUMENTS}
     assert made <= set(ignored)

@@ -4,6 +4,7 @@ import re
 from datetime import date
 
 import pytest
+from helpers import paper_text
 from small_project import NAME, at_home_in, make_project
 
 from sngr_utils import paths
@@ -68,11 +69,15 @@ def test_a_key_leads_to_the_cells_that_were_found_by_hand(key):
     assert set(computed) <= set(earlier.values())
     assert max(earlier) < number
     assert told["seeds"][0].startswith(seeds)
-    tex = (paths.PAPER / "sngr.tex").read_text(encoding="utf-8").split("\n")
-    asked = [i for i, line in enumerate(tex, start=1) if rf"\res{{{key}}}" in line]
-    found = [int(re.match(r"paper/sngr\.tex:(\d+), section", text)[1]) for text in told["paper"]
-             if "does not" not in text]  # fmt: skip
-    assert found == asked
+    asked = [
+        f"{file}:{i}"
+        for file in links.DOCUMENTS
+        for i, line in enumerate((paths.ROOT / file).read_text(encoding="utf-8").split("\n"), 1)
+        if rf"\res{{{key}}}" in line
+    ]
+    assert [place.split(", section")[0] for place in told["paper"]] == (
+        asked or ["neither the paper nor its supplement shows it"]
+    )
 
 
 def test_a_value_is_told_with_its_error_and_its_tolerance():
@@ -122,7 +127,7 @@ def test_an_unknown_name_is_a_sentence(capsys):
 
 # --- links of the PDF ---------------------------------------------------------------------------
 
-BODY = (paths.PAPER / "sngr.tex").read_text(encoding="utf-8").split(r"\begin{document}")[1]
+BODY = paper_text()
 
 
 def test_each_table_and_figure_of_the_paper_has_a_link_to_its_cell():
