@@ -64,7 +64,7 @@ def result(verdicts: Verdicts) -> dict:
             line["pass"], ".1f" if line["pass"] % 1 else ".0f"
         )
     tables = {
-        "claims_headline": _table(headline(verdicts.rows), "p{66mm}p{27mm}p{32mm}lll"),
+        "claims_headline": _table(headline(verdicts.rows), "p{66mm}p{32mm}p{36mm}lll"),
         "claims_summary": _table(summary(verdicts.rows)),
         "claims_controls": _table(control_table(verdicts.controls)),
         "claims_groups": _table(groups(verdicts.read), "llp{48mm}p{48mm}rl"),
