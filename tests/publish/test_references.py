@@ -1,0 +1,45 @@
+"""The bibliography: every entry is cited, every citation has an entry, a DOI has its form."""
+
+import re
+
+import pytest
+from helpers import paper_text
+
+from sngr_utils import paths
+
+BIB = (paths.PAPER / "references.bib").read_text(encoding="utf-8")
+ENTRIES = dict(re.findall(r"^@\w+\{(\w+),\n(.*?)^\}", BIB, re.MULTILINE | re.DOTALL))
+DOIS = re.findall(r"^\s*doi\s*=\s*(.*)$", BIB, re.MULTILINE)
+
+
+def cited(text):
+    """Keys of all citations."""
+    return {key for group in re.findall(r"\\cite\{([^}]*)\}", text) for key in group.split(",")}
+
+
+def test_every_entry_is_cited_and_every_citation_has_an_entry():
+    assert len(ENTRIES) == BIB.count("\n@") > 40
+    assert cited(paper_text()) == set(ENTRIES)
+
+
+@pytest.mark.parametrize("line", DOIS)
+def test_a_doi_has_its_form(line):
+    """ISO 26324: a directory's prefix and a suffix; no address before it, nothing twice."""
+    assert re.fullmatch(r"\{10\.\d{4,9}/[^\s{}\\]+\},", line), line
+    assert DOIS.count(line) == 1
+
+
+def test_most_entries_have_a_doi():
+    assert len(DOIS) > 0.7 * len(ENTRIES)
+
+
+@pytest.mark.parametrize("key", ENTRIES)
+def test_an_entry_says_who_what_and_when(key):
+    """The paper under test is the one that bears no date."""
+    fields = set(re.findall(r"(?:^|, )\s*(\w+)\s*= ", ENTRIES[key], re.MULTILINE))
+    assert {"author", "title"} <= fields
+    assert "year" in fields or key == "sngr"
+
+
+def test_the_paper_under_test_stands_with_the_address_of_its_code():
+    assert "https://github.com/anushkakulk/sngr-slam" in ENTRIES["sngr"]
