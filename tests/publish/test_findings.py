@@ -1,5 +1,7 @@
 """Sentences of notebooks, README and paper about signs and orders, on stored results."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -75,3 +77,67 @@ def test_online_and_batch_are_equivalent_and_both_as_good_as_the_oracle(p):
     for ratio in (online, batch, worlds(f"online.p{p}.graph")):
         alone = summaries.median_and_interval(pd.Series(ratio))
         assert 0.95 < alone.low <= alone.high < 1.05
+
+
+# --- the paper's introduction, and the front of the README ----------------------------------------
+
+
+def value(key):
+    return RESULTS[key]["value"]
+
+
+def column(table, number):
+    """A column of a table, by row; rows that hold no number there are left out."""
+    keys = [key for key in RESULTS if re.fullmatch(rf"tab_{table}\.row\d+\.column{number}", key)]
+    return {int(re.search(r"row(\d+)", key)[1]): value(key) for key in keys}
+
+
+def test_the_wheels_alone_are_better_than_least_squares_over_wrong_labels():
+    assert value("robust.least_squares.grid.p0.4") > 3 * value("robust.dead_reckoning.none.p0.4")
+
+
+@pytest.mark.parametrize("preset", "ABC")
+def test_the_nees_grows_by_orders_of_magnitude(preset):
+    least, most = (np.median(worlds(f"audit.{preset}.p{p}.nees")) for p in ("0", "0.4"))
+    assert most > 100 * least
+
+
+def test_an_alarm_adds_little_to_the_base_rate_under_our_reading():
+    """Rows are presets A to C, each with five levels of p, of which the first is clean."""
+    added = column("audit_detection", 6)
+    assert 0 < min(added[row] for row in range(12, 16))
+    assert max(added[row] for row in range(12, 16)) < 0.07
+
+
+def test_pooled_over_worlds_the_score_says_little_about_wrong_labels():
+    """Rows are presets A to C, each with five levels of p, of which the first is clean."""
+    pooled = column("audit_auc", 3)
+    assert len(pooled) == 15
+    dirty = [auc for row, auc in pooled.items() if (row - min(pooled)) % 5]
+    assert 1 / 3 < min(dirty) <= max(dirty) < 2 / 3
+
+
+def test_gains_are_what_the_solver_left():
+    """Presets A to C at four levels of p each; of them 0.2 and 0.3."""
+    largest = list(column("audit_gains", 7).values())
+    a, b, c = (largest[i + 2 : i + 4] for i in (0, 4, 8))
+    assert min(a + c) > 1
+    assert 0.01 < min(b) <= max(b) < 0.1
+
+
+def test_asking_where_a_range_came_from_comes_before_forgetting_it():
+    methods = "isam2", "huber", "fastslam", "switchable", "max_mixture_all", "em_exclusive"
+    ratios = [np.mean(worlds(f"online.{name}.p0.4.ratio")) for name in methods]
+    assert ratios == sorted(ratios, reverse=True)
+    for p in ("0", "0.2", "0.4", "0.5"):
+        assert np.mean(worlds(f"online.p{p}.ratio")) == pytest.approx(1, abs=0.01)
+    assert value("online.batch.largest_mean") < 1.01
+
+
+def test_one_gaussian_fails_on_first_poses_and_cheap_means_find_both_places():
+    wrong = [value(f"multimodal.landmark.{n}.wrong") for n in (2, 3, 4, 5, 8)]
+    assert wrong == sorted(wrong, reverse=True)
+    runs = value("multimodal.landmark.ancestral.runs")
+    for name in ("ancestral", "starts"):
+        assert value(f"multimodal.landmark.{name}.within") == runs
+    assert value("multimodal.landmark.c50.within") <= runs / 2
