@@ -105,7 +105,7 @@ def test_the_nees_grows_by_orders_of_magnitude(preset):
 def test_an_alarm_adds_little_to_the_base_rate_under_our_reading():
     """Rows are presets A to C, each with five levels of p, of which the first is clean."""
     added = column("audit_detection", 6)
-    assert 0 < min(added[row] for row in range(12, 16))
+    assert min(added[row] for row in range(12, 16)) > 0
     assert max(added[row] for row in range(12, 16)) < 0.07
 
 
