@@ -7,6 +7,7 @@ from helpers import handed_on
 
 from sngr_utils import trigger_sweep
 from sngr_utils.publish import report
+from sngr_utils.show import style
 from sngr_utils.show import trigger_sweep as show
 
 pytestmark = pytest.mark.usefixtures("house_style")
@@ -86,17 +87,32 @@ def test_sweep_tables(paper_sweep, paper_presets, tmp_path):
     to = report.Report("x", tmp_path)
     show.record(paper_sweep, paper_presets, to)
     handed_on(to)
-    fig, axes = plt.subplots(1, 5, figsize=(2 * 5, 2.5))
+    words = show.words_table(paper_presets).map(str)
+    assert words["preset B"].tolist()[:4] == ["4 of 5", "1", "0, 23", "3 of 5"]
+    assert words["preset C"].tolist()[:4] == ["0 of 5", "89", "22, 23", "1 of 5"]
+    base = paper_sweep.single(0.3)
+    shift = trigger_sweep.score_in_units(base.covariances[5], 100) - base.scores[5]
+    assert shift == pytest.approx(4, abs=0.1)
+
+
+def test_sweep_figures(paper_sweep, paper_presets):
+    fig, axes = plt.subplots(1, 6, figsize=(2 * 6, 2.5))
     base = paper_sweep.single(0.3)
     show.draw_ranges(axes[0], base, 3)
     show.draw_world(axes[1], base, 3.9)
+    edges = [line for line in axes[1].lines if line.get_zorder() == 0]
+    assert len(edges) == len(base.world.ranges)  # a factor, an edge
+    wrong = [line for line in edges if line.get_color() == style.TRIGGERED]
+    assert len(wrong) == np.sum(base.world.label_of != base.world.source_of)
     show.draw_scores(axes[2], base, 3.9)
-    show.draw_nees(axes[3], [0.0, 0.1], [1.0, 2.0], [None, 3.0])
+    show.draw_areas(axes[2:4], show.ranking_table(paper_presets))
     show.draw_score_boxes(axes[4], [0.0], [base.scores], 3.9)
-    to.figure(fig, "all")
-    covariance = base.covariances[5]
-    shift = trigger_sweep.score_in_units(covariance, 100) - base.scores[5]
-    assert shift == pytest.approx(4, abs=0.1)
+    show.draw_worlds(axes[5], paper_presets, "clean")
+    heights = np.array([bar.get_height() for bar in axes[5].patches])
+    fired = [run.detection(3.96).triggered for sweep in paper_presets.values()
+             for run in sweep.level(0.0)]  # fmt: skip
+    assert heights.sum() == sum(fired)
+    fig.canvas.draw()
 
 
 def test_presets_share_the_data():

@@ -6,7 +6,10 @@ from dataclasses import dataclass
 
 from sngr_utils import paths
 
-KINDS = {"table": "table", "figure": "figure", "value": "value", "sample": "value"}
+KINDS = {
+    "table": "table", "supplement": "table", "figure": "figure",
+    "value": "value", "sample": "value",
+}  # fmt: skip
 HELD = {"fig", "ax", "axes", "paper", "rng"}  # names that carry no result from cell to cell
 
 

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from sngr_utils.full_sngr import Config, example_window, noop_means
 from sngr_utils.metrics import standard_error
 from sngr_utils.publish import cells, report
-from sngr_utils.show import style
+from sngr_utils.show import methods, style
 from sngr_utils.show.common import legend_above
 from sngr_utils.show.presets import beside_printed
 from sngr_utils.show.style import PRESET_COLOURS, PRESET_MARKERS, WRONG_LABEL
@@ -25,9 +25,9 @@ def rmse_series(levels: dict[float, RefinedWorld]) -> dict[str, list[float]]:
     """Pose RMSE [m] per level and method, with the printed values where the paper has them."""
     printed = report.printed_values()["sngr"]
     return {
-        "dead reckoning": [level.odometry_rmse for level in levels.values()],
-        "iSAM2": [level.baseline.pose_rmse for level in levels.values()],
-        "SNGR": [level.pose_rmse for level in levels.values()],
+        "dead_reckoning": [level.odometry_rmse for level in levels.values()],
+        "isam2": [level.baseline.pose_rmse for level in levels.values()],
+        "sngr": [level.pose_rmse for level in levels.values()],
         "SNGR as printed": [printed.get(p, {}).get("pose_rmse", np.nan) for p in levels],
     }
 
@@ -84,7 +84,7 @@ def gain_table(levels: dict[float, RefinedWorld]) -> pd.DataFrame:
         [f"{p:g}", *_gain_cells(level, ".1f" if level.largest_gain > 0.1 else ".3f")]
         for p, level in levels.items()
     ]
-    return pd.DataFrame(rows, columns=["p", *GAIN_COLUMNS])
+    return pd.DataFrame(rows, columns=["p", *GAIN_COLUMNS]).drop(columns=LEAST)
 
 
 def preset_table(config: Config, presets: dict[str, dict[float, RefinedWorld]]) -> pd.DataFrame:
@@ -104,7 +104,8 @@ def preset_table(config: Config, presets: dict[str, dict[float, RefinedWorld]]) 
     return pd.DataFrame({"": [*GAIN_COLUMNS, "iSAM2 RMSE [m]"], **columns})
 
 
-GAIN_COLUMNS = ["refined", "accepted", "least Δ log p", "median", "largest", "RMSE change [mm]"]
+LEAST = "least Δ log p"
+GAIN_COLUMNS = ["refined", "accepted", LEAST, "median", "largest", "RMSE change [mm]"]
 
 
 def _gain_cells(level: RefinedWorld, fmt: str) -> list[cells.Cell | int]:
@@ -173,6 +174,38 @@ def _draw_by_preset(ax: Axes, presets: dict[str, tuple[np.ndarray, np.ndarray]])
         )
 
 
+def draw_losses(
+    ax: Axes, drawn: dict[int, np.ndarray], d: int, tolerance: float, own: float
+) -> None:
+    """Losses of sampled means against the number of samples, with d/2n and the gate's tolerance.
+
+    Parameters
+    ----------
+    drawn : n -> (m,) losses, [nats]
+    own : effective samples of the window at hand
+    """
+    for n, losses in drawn.items():
+        ax.plot(np.full(len(losses), n), losses, ".", color=style.SAMPLES, ms=2, zorder=1)
+    n = np.array(list(drawn))
+    ax.loglog(n, d / (2 * n), "-", color=style.TRUTH, label="d / 2n")
+    ax.plot(own, d / (2 * own), "o", color=style.ESTIMATE, ms=6, mfc="none", label="this window")
+    ax.axhline(tolerance, color=style.TRIGGERED, ls="--", lw=0.8, label="tolerance of the gate")
+    ax.set(xlabel="samples n", ylabel="loss [nats]")
+    legend_above(ax)
+
+
+def draw_step_gains(ax: Axes, sampled: Sequence[float], stepped: Sequence[float]) -> None:
+    """Gain of each window by sampling against that by one Gauss-Newton step, with the diagonal."""
+    ax.plot(stepped, sampled, "s", color=style.SAMPLES, mfc="none", ms=5, label="a window")
+    ends = [min(*stepped, *sampled), max(*stepped, *sampled)]
+    ax.plot(ends, ends, ":", color=style.TRUTH, lw=0.6, label="equal")
+    scale = {"linthresh": 0.1}
+    ax.set_xscale("symlog", **scale)
+    ax.set_yscale("symlog", **scale)
+    ax.set(xlabel="gain by one Gauss-Newton step [nats]", ylabel="gain by sampling [nats]")
+    legend_above(ax)
+
+
 def draw_window_samples(
     ax: Axes, truth: np.ndarray, estimate: np.ndarray, samples: np.ndarray, mean: np.ndarray
 ) -> None:
@@ -187,21 +220,18 @@ def draw_window_samples(
         (truth, "*", style.TRUTH, "truth"),
     ):
         ax.plot(*points.T, marker, color=colour, ms=5, mfc="none", label=name)
+    ax.margins(x=0.5)
     ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     ax.legend(loc="center left", bbox_to_anchor=(1, 0.5))
 
 
 def draw_rmse(ax: Axes, p: Sequence[float], series: dict[str, Sequence[float]]) -> None:
     """RMSE [m] against p, one line per method."""
-    looks = {
-        "dead reckoning": (style.TRUTH, ":", None),
-        "iSAM2": (style.ESTIMATE, "-", "o"),
-        "SNGR": (style.SAMPLES, "--", "x"),
-        "SNGR as printed": (style.PRINTED, "-", "s"),
-    }
+    printed = methods.Method("SNGR as printed", style.PRINTED, "--", "s")
     for name, values in series.items():
-        colour, line, marker = looks[name]
-        ax.plot(p, values, ls=line, marker=marker, color=colour, ms=6, mfc="none", label=name)
+        look = methods.METHODS.get(name, printed)
+        ax.plot(p, values, ls=look.dash, marker=look.marker, color=look.colour, ms=6, mfc="none",
+                label=look.name)  # fmt: skip
     ax.set(xlabel=WRONG_LABEL, ylabel="pose RMSE [m]")
     ax.set_ylim(bottom=0)
     legend_above(ax, ncols=4)

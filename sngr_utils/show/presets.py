@@ -1,11 +1,17 @@
 """The presets of the open conventions: what they are, and printed tables beside all of them."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
+import matplotlib.pyplot as plt
+import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sngr_utils.publish import cells
+from sngr_utils.show import style
+from sngr_utils.show.common import legend_above
+from sngr_utils.show.style import PRESET_COLOURS, PRESET_MARKERS
 from sngr_utils.slam.conventions import PRESETS, WHY, OpenConventions
 
 Levels = Mapping[float, Mapping[str, float | None]]  # level -> quantity -> number
@@ -66,3 +72,47 @@ def entitle(fig: Figure, config: OpenConventions) -> None:
     """Write above a figure which preset it rests on, and whether fields of it were replaced."""
     changed = ", changed" if config.conventions else ""
     fig.suptitle(f"preset {config.preset}{changed}", fontsize=7)
+
+
+def draw_beside_printed(
+    ax: Axes, table: pd.DataFrame, quantity: str, ncols: int = 0, **looks
+) -> None:
+    """One quantity of a `beside_printed` table against its levels, a line for each column.
+
+    Parameters
+    ----------
+    quantity : as the table names it
+    ncols : columns of the legend; none if 0
+    looks : as matplotlib's ``Axes.set`` takes them
+    """
+    names = table["", ""].replace("", np.nan).ffill()
+    rows = table[(names == quantity).to_numpy()]
+    levels = [float(level) for level in rows.iloc[:, 1]]
+    for head in rows.columns[2:]:
+        values = [np.nan if cell.numbers[0] is None else cell.numbers[0] for cell in rows[head]]
+        if head[1] == "printed":
+            ax.plot(levels, values, "x--", color=style.PRINTED, ms=5, label="printed")
+            continue
+        colour, marker = PRESET_COLOURS[head[1]], PRESET_MARKERS[head[1]]
+        ax.plot(levels, values, marker + "-", color=colour, mfc="none", ms=5, lw=0.8,
+                label=f"preset {head[1]}")  # fmt: skip
+    ax.set(**{"xlabel": rows.columns[1][1], "ylabel": quantity, **looks})
+    if ncols:
+        legend_above(ax, ncols)
+
+
+def panel(
+    config: OpenConventions, draw: Callable[..., None], *args, height: float = 2.0, **looks
+) -> Figure:
+    """A panel as wide as half a column of the paper; a notebook hands it on and shows a wider one.
+
+    Parameters
+    ----------
+    draw : takes the axes, then `args` and `looks`
+    height : [in]
+    """
+    fig, ax = style.figure(style.PANEL_WIDTH, height)
+    draw(ax, *args, **looks)
+    entitle(fig, config)
+    plt.close(fig)
+    return fig

@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
 from sngr_utils.metrics import standard_error
-from sngr_utils.publish import report
+from sngr_utils.publish import cells, report
 from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
-from sngr_utils.show.presets import beside_printed
+from sngr_utils.show.presets import beside_printed, draw_beside_printed
 from sngr_utils.show.style import WRONG_LABEL
 from sngr_utils.trigger_sweep import Sweep, pooled_scores, ranking, roles, triggers_by_tau
 
@@ -163,23 +163,44 @@ def record(sweep: Sweep, presets: dict[str, Sweep], to: report.Report) -> None:
 
 
 def draw_world(ax: Axes, base: Baseline, tau: float | None = None) -> None:
-    """True and estimated trajectory and landmarks; poses of triggered windows marked."""
-    true, estimate = base.world.poses, base.solution.poses
-    ax.plot(*true[:, :2].T, "-", color=style.TRUTH, lw=0.7, label="truth")
+    """True and estimated trajectory and landmarks, ranges as edges; poses that fire are ringed.
+
+    An edge joins a pose to the landmark that its range is labelled with.
+    """
+    the_world, estimate = base.world, base.solution.poses
+    _draw_edges(ax, base)
+    ax.plot(*the_world.poses[:, :2].T, "-", color=style.TRUTH, lw=0.7, label="truth")
     ax.plot(*estimate[:, :2].T, "o-", color=style.ESTIMATE, lw=0.7, ms=2, label="iSAM2")
     if tau is not None:
         marked = base.fired_poses(tau)
-        ax.plot(*estimate[marked, :2].T, "o", color=style.TRIGGERED, ms=3, label="fires")
-    ax.plot(*base.world.landmarks.T, "*", color=style.TRUTH, ms=5, label="landmark")
+        ax.plot(
+            *estimate[marked, :2].T, "o", color=style.TRIGGERED, mfc="none", ms=5, label="fires"
+        )
+    ax.plot(*the_world.landmarks.T, "*", color=style.TRUTH, ms=5, label="landmark")
     ax.plot(*base.solution.landmarks.T, "+", color=style.ESTIMATE, ms=5, label="estimate")
     ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     legend_above(ax)
 
 
+def _draw_edges(ax: Axes, base: Baseline) -> None:
+    """The range factors at the estimate: right labels grey, wrong ones dashed."""
+    the_world, solution = base.world, base.solution
+    wrong = the_world.label_of != the_world.source_of
+    looks = ((~wrong, style.PRINTED, "-", 0.3), (wrong, style.TRIGGERED, "--", 0.5))
+    for chosen, colour, dash, width in looks:
+        ends = np.stack([
+            solution.poses[the_world.pose_of[chosen], :2],
+            solution.landmarks[the_world.label_of[chosen]],
+        ])  # fmt: skip
+        ax.plot(*ends.transpose(2, 0, 1), color=colour, ls=dash, lw=width, zorder=0)
+    ax.plot([], [], "--", color=style.TRIGGERED, lw=0.8, label="wrong label")
+
+
 def draw_ranges(ax: Axes, base: Baseline, t: int) -> None:
-    """The circles that the ranges of pose t draw around the landmarks they are credited to."""
+    """The circles that the ranges of pose t draw around the landmarks of their labels."""
     the_world = base.world
-    draw_world_truth(ax, base)
+    ax.plot(*the_world.poses[:, :2].T, "-", color=style.TRUTH, lw=0.7)
+    ax.plot(*the_world.landmarks.T, "*", color=style.TRUTH, ms=5)
     looks = {False: (style.ESTIMATE, "-", "right"), True: (style.TRIGGERED, "--", "wrong")}
     for m in np.flatnonzero(the_world.pose_of == t):
         colour, line, _ = looks[bool(the_world.label_of[m] != the_world.source_of[m])]
@@ -187,18 +208,12 @@ def draw_ranges(ax: Axes, base: Baseline, t: int) -> None:
         ax.add_patch(Circle(centre, the_world.ranges[m], fill=False, color=colour, lw=0.7, ls=line))
         ax.plot(*centre, "o", mfc="none", color=colour, ms=7)
     for colour, line, name in looks.values():
-        ax.plot([], [], ls=line, color=colour, label=f"credited to the {name} landmark")
+        ax.plot([], [], ls=line, color=colour, label=f"{name} label")
     ax.plot(*the_world.poses[t, :2], "o", color=style.TRUTH, ms=5)
     reach = 1.7 * np.abs(the_world.poses[:, :2]).max()
-    ax.set(xlim=(-reach, reach), ylim=(-reach, reach))
+    ax.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="x [m]",
+           ylabel="y [m]")  # fmt: skip
     legend_above(ax, ncols=2)
-
-
-def draw_world_truth(ax: Axes, base: Baseline) -> None:
-    """The true path and landmarks."""
-    ax.plot(*base.world.poses[:, :2].T, "-", color=style.TRUTH, lw=0.7)
-    ax.plot(*base.world.landmarks.T, "*", color=style.TRUTH, ms=5)
-    ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
 
 
 def draw_scores(ax: Axes, base: Baseline, tau: float) -> None:
@@ -214,17 +229,6 @@ def draw_scores(ax: Axes, base: Baseline, tau: float) -> None:
     legend_above(ax)
 
 
-def draw_nees(ax: Axes, p: Sequence[float], ours: Sequence[float], printed: Sequence) -> None:
-    """NEES against p, log scale, ours and as printed (None where the paper has no value)."""
-    pairs = [(x, y) for x, y in zip(p, printed, strict=True) if y is not None]
-    if pairs:
-        ax.semilogy(*zip(*pairs, strict=True), "s--", color=style.PRINTED, label="printed")
-    ax.semilogy(p, ours, "o-", color=style.ESTIMATE, label="ours")
-    ax.axhline(2, color=style.TRUTH, lw=0.6, ls=":", label="consistent")
-    ax.set(xlabel=WRONG_LABEL, ylabel="NEES")
-    legend_above(ax)
-
-
 def draw_score_boxes(
     ax: Axes, p: Sequence[float], scores: Sequence[np.ndarray], tau: float
 ) -> None:
@@ -236,3 +240,61 @@ def draw_score_boxes(
     ax.axhline(tau, color=style.TRIGGERED, lw=0.8, ls="--", label=rf"$\tau$ = {tau:g}")
     ax.set(xlabel=WRONG_LABEL, ylabel="score")
     legend_above(ax)
+
+
+def draw_worlds(ax: Axes, presets: dict[str, Sweep], role: str) -> None:
+    """Windows that fire in each world at the level of a role, beside those that failed.
+
+    A bar for each preset: filled for windows that failed, hatched for false alarms; a black
+    stroke at the number of windows that failed.
+    """
+    found = _by_seed(presets, role)
+    for i, (name, worlds) in enumerate(found.items()):
+        x = np.arange(len(worlds)) + 0.26 * (i - 1)
+        right, false, failed = (
+            np.array([world[key] for world in worlds.values()]) for key in ("tp", "fp", "failed")
+        )
+        colour = style.PRESET_COLOURS[name]
+        ax.bar(x, right, 0.22, color=colour, label=f"preset {name}")
+        ax.bar(x, false, 0.22, bottom=right, color="none", edgecolor=colour, hatch="////", lw=0.6)
+        ax.plot(x, failed, "_", color=style.TRUTH, ms=8, label=None if i else "failed")
+    ax.bar(0, 0, 0, color="none", edgecolor=style.TRUTH, hatch="////", lw=0.6, label="false alarm")
+    ax.set_xticks(np.arange(len(worlds)), list(worlds))
+    ax.set(xlabel="seed of the world", ylabel="windows", ylim=(-0.5, 30))
+
+
+def draw_areas(axes: Sequence[Axes], table: pd.DataFrame) -> None:
+    """The two quantities of a `ranking_table` side by side, with a line at one half."""
+    for ax, pairs in zip(axes, ("within a world", "all worlds pooled"), strict=True):
+        draw_beside_printed(ax, table, pairs, ylabel=f"area, {pairs}", ylim=(0.2, 1.02))
+        ax.axhline(0.5, color=style.TRUTH, lw=0.6, ls=":")
+    legend_above(axes[0])
+
+
+def words_table(presets: dict[str, Sweep]) -> pd.DataFrame:
+    """Where the trigger is silent or blind, and its score uninformative, under each preset."""
+    columns = {f"preset {name}": _words(sweep) for name, sweep in presets.items()}
+    return pd.DataFrame(columns).reset_index(names="")
+
+
+def _words(sweep: Sweep) -> dict[str, cells.Cell]:
+    config, levels = sweep.config, roles(sweep.config)
+    worlds = {role: [_detected(run, config.tau) for run in sweep.level(levels[role])]
+              for role in ("clean", "least", "noisy")}  # fmt: skip
+    silent = sum(world["triggered"] == 0 for world in worlds["clean"])
+    blind = sum(world["triggered"] == 0 < world["failed"] for world in worlds["noisy"])
+    alarms = sum(world["fp"] for world in worlds["clean"])
+    first, of = worlds["least"][0], len(config.seeds)
+    within, pooled = ranking(sweep, levels["most"])
+    return {
+        "silent: clean worlds in which nothing fires": cells.cell("{:d} of {:d}", silent, of),
+        "windows that fire on clean data and had not failed": cells.number(alarms, "d"),
+        f"blind? p = {levels['least']:g}, first world: fires, failed": cells.cell(
+            "{:d}, {:d}", first["triggered"], first["failed"]
+        ),
+        f"blind: worlds at p = {levels['noisy']:g} in which nothing fires": cells.cell(
+            "{:d} of {:d}", blind, of
+        ),
+        f"informative? area within a world, p = {levels['most']:g}": cells.number(within),
+        f"uninformative? area, worlds pooled, p = {levels['most']:g}": cells.number(pooled),
+    }

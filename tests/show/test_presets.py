@@ -1,5 +1,7 @@
 """The tables of presets: what they set, and printed numbers beside them."""
 
+import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.figure import Figure
 
 from sngr_utils.settings import PRESET_NAMES, READING
@@ -32,6 +34,27 @@ def test_printed_numbers_stand_beside_those_of_each_preset():
     assert list(table.columns) == heads
     without = presets.beside_printed({"x": ("x", ".1f")}, None, ours, "seed")
     assert list(without.columns) == [("", ""), ("", "seed"), *heads[3:]]
+
+
+def test_a_quantity_of_a_table_is_drawn_as_the_table_has_it():
+    ours = {"A": {0.0: {"n": 3}, 0.1: {"n": 4}}, "B": {0.0: {}, 0.1: {"n": 5}}}
+    table = presets.beside_printed({"x": ("x", ".1f"), "n": ("n", "d")}, {0.1: {"n": 7}}, ours)
+    ax = Figure().subplots()
+    presets.draw_beside_printed(ax, table, "n")
+    drawn = {line.get_label(): line.get_xydata().tolist() for line in ax.lines}
+    assert list(drawn) == ["printed", "preset A", "preset B"]
+    assert drawn["preset A"] == [[0.0, 3.0], [0.1, 4.0]]
+    assert drawn["printed"][1] == [0.1, 7.0]
+    assert np.isnan(drawn["preset B"][0][1])
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("p", "n")
+
+
+def test_a_panel_is_handed_on_and_not_shown():
+    drawn = []
+    fig = presets.panel(conventions.OpenConventions(), lambda *args: drawn.append(args), 1)
+    assert drawn == [(fig.axes[0], 1)]
+    assert fig.get_suptitle() == "preset C"
+    assert not plt.fignum_exists(fig.number)
 
 
 def test_a_figure_names_its_preset_and_says_if_it_was_changed():

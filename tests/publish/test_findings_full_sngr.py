@@ -1,0 +1,62 @@
+"""Sentences of notebook 03 about signs and orders, on its stored tables."""
+
+import numpy as np
+
+from sngr_utils import paths
+from sngr_utils.publish.results import results_in
+
+RESULTS = results_in(paths.REFERENCE)
+
+
+def rows(quantity):
+    """(4 levels, presets A, B and C) of the n-th quantity of the table of the paper."""
+    cells = [
+        [f"tab_sngr.row{4 * quantity + i}.column{4 + j}" for j in range(3)] for i in (1, 2, 3, 4)
+    ]
+    return np.array([[RESULTS[cell]["value"] for cell in row] for row in cells], dtype=float)
+
+
+def of_preset(quantity):
+    """Presets A, B and C in a row of the table of the gains."""
+    return np.array([
+        RESULTS[f"tab_presets_gain.row{quantity}.column{j}"]["value"] for j in (3, 4, 5)
+    ])
+
+
+def test_more_is_accepted_the_more_labels_are_wrong_and_nothing_on_clean_data():
+    accepted = rows(5)
+    assert accepted[0].tolist() == [0, 0, 0]
+    assert (np.diff(accepted[:, 2]) > 0).all()
+    assert accepted[2, 2] == rows(4)[2, 2]  # under C, at p = 0.2, every window
+
+
+def test_the_error_hardly_changes_and_under_c_it_falls():
+    before, after = rows(0), rows(1)
+    change = after / before - 1
+    assert (np.abs(change) < 0.04).all()
+    assert (np.abs(change[:, :2]) < 0.01).all()
+    assert (change[1:, 2] < 0).all()
+    assert change[-1, 2] < -0.01
+
+
+def test_lazy_relinearisation_gains_everywhere_and_eager_next_to_nothing():
+    least, median, largest = (of_preset(row) for row in (3, 4, 5))
+    assert (least[[0, 2]] > 0).all()
+    assert abs(median[1]) < 0.05
+    assert largest[0] < 1.0 < 5.04 < largest[2]
+    assert largest[1] < 1.0
+
+
+def test_it_fires_under_every_preset_at_small_p_and_on_clean_data():
+    fired = rows(4)
+    assert (fired[:2] > 0).all()
+    assert (rows(6)[0] == 0).all()  # precision on clean data
+
+
+def test_odometry_alone_is_better_from_the_first_wrong_labels_on():
+    assert (rows(0)[1:, 2] > RESULTS["sngr.odometry_rmse"]["value"]).all()
+    assert rows(0)[0, 2] < RESULTS["sngr.odometry_rmse"]["value"]
+
+
+def test_the_gate_is_ten_times_finer_than_the_noise_of_a_mean():
+    assert 8 < RESULTS["sngr.mean_cost"]["value"] / 0.001 < 13
