@@ -44,7 +44,7 @@ class Config(ManyWorlds):
     tau: Positive = 3.96
     p_refined: Levels = [0.0, 0.1, 0.2, 0.3]
     tau_refined: Positive = 3.9
-    n_corrected: Annotated[int, Field(ge=2)] = 12
+    n_corrected: Annotated[int, Field(ge=2)] = 20
     p_corrected: Levels = [0.2]
     n_robust: Annotated[int, Field(ge=2)] = 10
     p_robust: Levels = [0.0, 0.2, 0.4]
@@ -62,36 +62,31 @@ class Config(ManyWorlds):
                 raise ValueError(f"{name} is {value}: it must be one of {levels}")
         if not set(self.p_refined) <= set(self.p_levels):
             raise ValueError(f"p_refined is {self.p_refined}: all must be among p_levels")
+        if not set(self.p_corrected) <= set(self.p_refined):
+            raise ValueError(f"p_corrected is {self.p_corrected}: all must be among p_refined")
+        if self.n_corrected > self.n_seeds:
+            raise ValueError(f"n_corrected is {self.n_corrected}: there are {self.n_seeds} worlds")
         return self
 
 
 def run_sweep(config: Config) -> Sweep:
-    """iSAM2 and the trigger on all worlds, under all presets, at all thresholds."""
+    """iSAM2, the trigger at all thresholds, and SNGR on all worlds, under all presets.
+
+    SNGR as the paper has it at `p_refined`; both corrected versions beside it on `n_corrected`
+    worlds at `p_corrected`.
+    """
     from sngr_utils.experiments import isam2_over_worlds
+    from sngr_utils.experiments.sngr_over_worlds import VARIANTS, Refinement
 
-    seeds = config.seeds(config.n_seeds)
+    seeds, corrected = config.seeds(config.n_seeds), config.seeds(config.n_corrected)
+    variants = {
+        (p, seed): VARIANTS if p in config.p_corrected and seed in corrected else VARIANTS[:1]
+        for p in config.p_refined
+        for seed in seeds
+    }
     return isam2_over_worlds.run_sweep(
-        config.scenario, PRESETS, config.p_levels, seeds, config.taus, config.jobs
-    )
-
-
-def run_refined(config: Config) -> pd.DataFrame:
-    """SNGR as the paper has it on all worlds, under all presets."""
-    from sngr_utils.experiments import sngr_over_worlds
-
-    return sngr_over_worlds.run_sweep(
-        config.scenario, PRESETS, config.p_refined, config.seeds(config.n_seeds),
-        tau=config.tau_refined, jobs=config.jobs,
-    )  # fmt: skip
-
-
-def run_corrected(config: Config) -> pd.DataFrame:
-    """SNGR, and corrected SNGR in both versions, on the same worlds and windows."""
-    from sngr_utils.experiments import sngr_over_worlds
-
-    return sngr_over_worlds.run_sweep(
-        config.scenario, PRESETS, config.p_corrected, config.seeds(config.n_corrected),
-        sngr_over_worlds.VARIANTS, config.tau_refined, config.jobs,
+        config.scenario, PRESETS, config.p_levels, seeds, config.taus, config.jobs,
+        Refinement(variants, config.tau_refined),
     )  # fmt: skip
 
 

@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -6,8 +8,18 @@ from ruamel.yaml import YAML
 
 from sngr_utils import audit, paths
 from sngr_utils.experiments import isam2_over_worlds, sampler_numbers
-from sngr_utils.publish import cells, claims, notebooks, parameters, report
+from sngr_utils.metrics import summaries
+from sngr_utils.publish import (
+    cells,
+    claims,
+    notebooks,
+    parameters,
+    prediction,
+    report,
+    rules,
+)
 from sngr_utils.show import audit as show
+from sngr_utils.show import audit_values
 from sngr_utils.slam import conventions
 from sngr_utils.sngr import noop_baseline
 
@@ -33,7 +45,8 @@ def test_every_claim_gets_its_numbers(tmp_path):
     config = audit.Config(n_seeds=2, n_poses=8, jobs=1)
     to = report.Report("05_audit", tmp_path)
     gaussian = audit.run_gaussian_ess(config)
-    show.record(config, audit.run_sweep(config), audit.run_refined(config), gaussian, to)
+    sweep = audit.run_sweep(config)
+    audit_values.record(config, sweep, sweep.refined.query("variant == 'paper'"), gaussian, to)
     samples = {key: entry for key, entry in handed_on(to).items() if "sample" in entry}
     assert all(len(entry["sample"]) == 2 for entry in samples.values())
     for preset in conventions.PRESETS:
@@ -80,6 +93,8 @@ def test_tables_are_whole(small, sweep, studies):
         8,
     )
     assert len(show.silent_table(detections)) == len(small.taus)
+    assert show.words_table(detections, small.tau).shape == (n_presets, 3)
+    assert show.sampler_table(studies).shape == (7, 3)
     rows = isam2_over_worlds.auc_rows(sweep, rng=np.random.default_rng(0))
     assert len(show.auc_table(rows)) == n_levels * n_presets
     assert len(show.units_table(sweep.scores)) == n_presets
@@ -90,6 +105,42 @@ def test_tables_are_whole(small, sweep, studies):
     ):  # fmt: skip
         assert len(make(frame)) >= 2
         assert not make(frame).isna().any().any()
+
+
+@pytest.fixture(scope="module")
+def from_scratch():
+    """What the notebook's cells tagged "from-scratch" define."""
+    names = {"np": np, "math": math}
+    for cell in read_notebook("05_audit").cells:
+        if "from-scratch" in cell.metadata.get("tags", []):
+            exec(cell.source, names)
+    return names
+
+
+def test_sign_test_from_scratch_is_the_librarys(from_scratch):
+    for n in (0, 1, 5, 30):
+        for less in range(n + 1):
+            changes = np.concatenate([-np.ones(less), np.ones(n - less), np.zeros(2), [np.nan]])
+            theirs = summaries.sign_test(changes)
+            assert from_scratch["sign_test"](changes) == pytest.approx(theirs)
+
+
+@pytest.mark.parametrize("log", [False, True])
+def test_verdict_from_scratch_is_the_rule(from_scratch, log):
+    rng = np.random.default_rng(0)
+    natural, seen = prediction.Natural(low=0.1, high=10, log=log, why=""), set()
+    for width in (0.01, 0.1, 1.0):
+        worlds = np.exp(rng.normal(scale=width, size=45))
+        low, high = prediction.world_interval(worlds)
+        share = natural.covered(low, high, None)
+        for printed in (1.0, 9.0):
+            first, last, _, verdict = from_scratch["verdict"](worlds, printed, 0.1, 10, log)
+            assert last - first == pytest.approx(share)
+            inside = low <= printed <= high
+            expected = rules.REPRODUCED if inside else rules.NOT
+            assert verdict == (rules.UNTESTABLE if share > rules.MAX_SHARE else expected)
+            seen.add(verdict)
+    assert len(seen) == 3
 
 
 def test_interval_and_its_absence():
@@ -112,7 +163,8 @@ def test_readings_of_the_noop_weight_hold_the_closed_form(noisy):
 @pytest.mark.parametrize(
     ("name", "value"),
     [("tau", 3.97), ("n_seeds", 1), ("p_refined", [0.15]), ("p_windows", 0.15),
-     ("p_levels", [0.0, 0.0, 0.2]), ("jobs", 0), ("taus", [])],
+     ("p_levels", [0.0, 0.0, 0.2]), ("jobs", 0), ("taus", []), ("n_corrected", 31),
+     ("p_corrected", [0.15])],
 )  # fmt: skip
 def test_bad_parameters_are_named(name, value):
     with pytest.raises(ValueError, match=name):

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from sngr_utils.detection import scores, thresholds
-from sngr_utils.experiments import detector_scores, detector_summary
+from sngr_utils.experiments import detector_scores
 from sngr_utils.experiments.detector_scores import Case
 from sngr_utils.metrics import cluster_bootstrap
 from sngr_utils.settings import READING
@@ -125,19 +125,19 @@ def levels(study: Study, *, rng: np.random.Generator) -> pd.DataFrame:
     """
     clean = study.clean.assign(at_limit=study.clean["disagreement"])
     rules = {**study.thresholds, "at_limit": failure.FAILURE_ERROR}
-    return detector_summary.decisions(clean, rules, "failed", rng=rng)
+    return detector_scores.decisions(clean, rules, "failed", rng=rng)
 
 
 def rankings(study: Study, truth: str, *, rng: np.random.Generator) -> pd.DataFrame:
     """How well every score ranks windows by `truth`, and the disagreement with the oracle."""
     names = [*scores.SCORES, "oracle"]
-    return detector_summary.ranking(study.noisy, names, truth, rng=rng)
+    return detector_scores.ranking(study.noisy, names, truth, rng=rng)
 
 
 def decisions(study: Study, *, rng: np.random.Generator) -> pd.DataFrame:
     """Failure, by every detector at its threshold; the disagreement's is the failure limit."""
     rules = {**study.thresholds, **AT_LIMIT}
-    return detector_summary.decisions(study.noisy, rules, "failed", rng=rng)
+    return detector_scores.decisions(study.noisy, rules, "failed", rng=rng)
 
 
 def claims(study: Study, tau: float, *, rng: np.random.Generator) -> pd.DataFrame:
@@ -148,7 +148,7 @@ def claims(study: Study, tau: float, *, rng: np.random.Generator) -> pd.DataFram
     }  # fmt: skip
     everywhere = study.rows[study.rows["case"].str.startswith("p =")]
     everywhere = everywhere.assign(calibrated=everywhere["condition"])
-    return detector_summary.decisions(everywhere, rules, "failed", rng=rng)
+    return detector_scores.decisions(everywhere, rules, "failed", rng=rng)
 
 
 def shifted(study: Study, *, rng: np.random.Generator) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -156,6 +156,6 @@ def shifted(study: Study, *, rng: np.random.Generator) -> tuple[pd.DataFrame, pd
     rows = study.shifted.query("p > 0")
     names = ["condition", "chi_square", "disagreement", "disagreement_sigmas"]
     return (
-        detector_summary.ranking(rows, names, "failed", rng=rng),
-        detector_summary.decisions(rows, AT_LIMIT, "failed", rng=rng),
+        detector_scores.ranking(rows, names, "failed", rng=rng),
+        detector_scores.decisions(rows, AT_LIMIT, "failed", rng=rng),
     )

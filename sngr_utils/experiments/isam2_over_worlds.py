@@ -4,7 +4,7 @@ Each run is a task of its own that draws all it needs from its seed and returns 
 the tables are the same serial, in processes or on a cluster, in any order.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +22,7 @@ from sngr_utils.world.scenario import Scenario
 
 @dataclass(frozen=True)
 class Sweep:
-    """Three tidy tables, sorted as the arguments of `run_sweep` were.
+    """Tidy tables, sorted as the arguments of `run_sweep` were.
 
     Attributes
     ----------
@@ -34,11 +34,13 @@ class Sweep:
         which never fire; and mcc, over those that may
     scores : one row per preset, p, seed and window: score, score_cm (with positions in
         centimetres), log_lambda_min, log_lambda_max, failed, eligible (may it fire?)
+    refined : the rows of `refine`, headed by preset, p and seed; empty without
     """
 
     runs: pd.DataFrame
     detections: pd.DataFrame
     scores: pd.DataFrame
+    refined: pd.DataFrame
 
 
 def run_sweep(
@@ -48,12 +50,14 @@ def run_sweep(
     seeds: Sequence[int],
     taus: Sequence[float],
     jobs: int | None = None,
+    refine: Callable[[Baseline, Conventions], list[dict]] | None = None,
 ) -> Sweep:
     """iSAM2 on every world under every preset, judged at every tau.
 
     Parameters
     ----------
     presets : conventions by name, e.g. `conventions.PRESETS`
+    refine : rows of what else is made of each run, e.g. `sngr_over_worlds.Refinement`
     jobs : processes; None leaves number and backend to ``joblib.parallel_config``
 
     Raises
@@ -69,9 +73,10 @@ def run_sweep(
         for p in p_levels
         for seed in seeds
     ]
-    cases = [(scenario, presets[h["preset"]], h["p"], h["seed"], list(taus)) for h in heads]
-    parts = zip(*map_worlds(_run_one, cases, jobs), strict=True)
-    return Sweep(*(_stacked(heads, part) for part in parts))
+    cases = [(scenario, presets[h["preset"]], h["p"], h["seed"], list(taus), refine) for h in heads]
+    *parts, refined = zip(*map_worlds(_run_one, cases, jobs), strict=True)
+    rows = [head | row for head, mine in zip(heads, refined, strict=True) for row in mine]
+    return Sweep(*(_stacked(heads, part) for part in parts), pd.DataFrame(rows))
 
 
 def _stacked(heads: list[dict], parts: Sequence[Mapping[str, Sequence]]) -> pd.DataFrame:
@@ -90,12 +95,13 @@ def _require_distinct(name: str, given: Iterable) -> None:
 
 
 def _run_one(
-    scenario: Scenario, conventions: Conventions, p: float, seed: int, taus: list[float]
-) -> list[dict[str, Sequence]]:
-    """The columns of the three tables of one run."""
+    scenario: Scenario, conventions: Conventions, p: float, seed: int, taus: list[float],
+    refine: Callable | None,
+) -> list[dict[str, Sequence] | list[dict]]:  # fmt: skip
+    """The columns of the three tables of one run, and the rows of the fourth."""
     run = run_baseline(scenario, conventions, p, seed)
     return [_columns([_run_row(run)]), _columns([_detection_row(run, tau) for tau in taus]),
-            _window_columns(run)]  # fmt: skip
+            _window_columns(run), refine(run, conventions) if refine else []]  # fmt: skip
 
 
 def _columns(rows: list[dict[str, float]]) -> dict[str, list[float]]:

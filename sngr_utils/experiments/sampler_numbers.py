@@ -6,13 +6,12 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from sngr_utils.experiments.window_posteriors import window_factors
+from sngr_utils.experiments.window_posteriors import PRIOR_SCALE, Settled, window_factors
 from sngr_utils.metrics import bimodality, effective_sample_size
-from sngr_utils.sampling import engines, laplace
+from sngr_utils.sampling import engines
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.targets import compiled
-from sngr_utils.slam.solution import Solution
-from sngr_utils.sngr import closure, corrected, noop_baseline, window_posterior, windows
+from sngr_utils.sngr import closure, corrected, noop_baseline, windows
 from sngr_utils.sngr.baseline import Baseline
 
 
@@ -72,17 +71,7 @@ def ess_shares(
 
 
 def evidence_check(
-    solution: Solution,
-    covariances: np.ndarray,
-    which: Sequence[int],
-    separators: str,
-    walks: int,
-    n_live: int = 100,
-    repeats: int = 1,
-    draws: int = 20_000,
-    scale: float = 4.0,
-    *,
-    rng: np.random.Generator,
+    settled: Sequence[Settled], walks: int, scale: float = PRIOR_SCALE, *, rng: np.random.Generator
 ) -> pd.DataFrame:
     """Nested sampling of the corrected target against importance sampling, window by window.
 
@@ -90,28 +79,22 @@ def evidence_check(
 
     Returns
     -------
-    one row per window and repeat: difference (nested less importance, [nats]), error (of both
-    together), in_errors (their ratio), sd_ratio (nested over importance, geometric mean)
+    one row per window: difference (nested less importance, [nats]), error (of both together),
+    in_errors (their ratio), sd_ratio (nested over importance, geometric mean)
     """
-    pieces, rows = window_posterior.expand(solution), []
-    settings = SamplerSettings(n_live=n_live, min_walks=walks)
-    for t in which:
-        aim = window_posterior.target(solution, t, covariances[t], separators, pieces)
-        cholesky = np.linalg.cholesky(scale * aim.covariance)
-        reference = laplace.sample(aim.corrected(scale), cholesky, draws, rng=rng)
-        if reference is None:
+    rows, settings = [], SamplerSettings(n_live=100, min_walks=walks)
+    for one in settled:
+        if one.run is None:
             continue
-        variances = np.diag(reference.covariance)
-        for _ in range(repeats):
-            run = corrected.sample_target(aim, scale, settings, "nested", rng=rng)
-            error = np.hypot(run.log_evidence_error, reference.log_evidence_error)
-            difference = run.log_evidence - reference.log_evidence
-            ratios = np.log(np.diag(run.covariance) / variances)
-            rows.append({
-                "window": int(t), "dimension": len(cholesky), "difference": difference,
-                "error": error, "in_errors": difference / error,
-                "sd_ratio": float(np.exp(0.5 * ratios.mean())),
-            })  # fmt: skip
+        run = corrected.sample_target(one.target, scale, settings, "nested", rng=rng)
+        error = np.hypot(run.log_evidence_error, one.run.log_evidence_error)
+        difference = run.log_evidence - one.run.log_evidence
+        ratios = np.log(np.diag(run.covariance) / np.diag(one.run.covariance))
+        rows.append({
+            "window": one.window, "dimension": len(one.cholesky), "difference": difference,
+            "error": error, "in_errors": difference / error,
+            "sd_ratio": float(np.exp(0.5 * ratios.mean())),
+        })  # fmt: skip
     return pd.DataFrame(rows)
 
 

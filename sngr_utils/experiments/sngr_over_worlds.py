@@ -1,35 +1,26 @@
-"""SNGR itself over many worlds, as the paper has it and corrected: tidy tables."""
+"""SNGR itself over many worlds, as the paper has it and corrected."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-import pandas as pd
 
-from sngr_utils.experiments.many_worlds import map_worlds
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.sampling import engines
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.sngr import corrected, gate, noop_baseline, refine, trigger
-from sngr_utils.sngr.baseline import Baseline, run_baseline
+from sngr_utils.sngr.baseline import Baseline
 from sngr_utils.sngr.noop_baseline import TriggerOnly
 from sngr_utils.sngr.refined_world import refine_world
-from sngr_utils.world.scenario import Scenario
 
 VARIANTS = ("paper", "conditional", "marginal")
 
 
-def run_sweep(
-    scenario: Scenario,
-    presets: Mapping[str, Conventions],
-    p_levels: Sequence[float],
-    seeds: Sequence[int],
-    variants: Sequence[str] = VARIANTS[:1],
-    tau: float = 3.9,
-    jobs: int | None = None,
-) -> pd.DataFrame:
-    """SNGR on every world under every preset, one row per variant, preset, p and seed.
+@dataclass(frozen=True)
+class Refinement:
+    """SNGR on an iSAM2 run, for `isam2_over_worlds.run_sweep`: one row per variant.
 
     The paper's settings, but for 50 walks instead of 9, in the compiled nested sampler. The
     corrected variants are sampled by importance sampling (`corrected.sample_target`), with which
@@ -37,52 +28,43 @@ def run_sweep(
     and refine the windows the paper's trigger fires on at iSAM2's, so rows of one world differ
     in the method alone.
 
-    Parameters
+    Attributes
     ----------
-    presets : conventions by name, e.g. `conventions.PRESETS`
-    variants : of `VARIANTS`
-    jobs : processes; None leaves number and backend to ``joblib.parallel_config``
-
-    Returns
-    -------
-    triggered, accepted; gain_min, gain_median, gain_max [nats] and gain_peak_window (the first
-    pose of the window that gains most); ess_share (median); isam2_pose_rmse, base_pose_rmse
-    (before refinement: the same, or the batch estimate's), sngr_pose_rmse,
-    sngr_landmark_rmse [m] (refinement moves poses only); isam2_nees, base_nees, sngr_nees;
-    saving (all windows over the refined ones: what is saved if each costs the same); noop (mean
-    log weight of the trigger-only baseline, in expectation, [nats]). NaN where nothing fires
+    variants : of `VARIANTS`, by p and seed; a world that is not there is not refined
+    tau : threshold on the score
 
     Raises
     ------
     ValueError : an unknown variant
     """
-    if not set(variants) <= set(VARIANTS):
-        raise ValueError(f"variants is {list(variants)}: they must be among {VARIANTS}")
-    cases = [
-        (scenario, name, presets[name], p, seed, list(variants), tau)
-        for name in presets
-        for p in p_levels
-        for seed in seeds
-    ]
-    done = map_worlds(_run_one, cases, jobs)
-    return pd.DataFrame([row for rows in done for row in rows])
 
+    variants: Mapping[tuple[float, int], Sequence[str]]
+    tau: float = 3.9
 
-def _run_one(
-    scenario: Scenario,
-    preset: str,
-    conventions: Conventions,
-    p: float,
-    seed: int,
-    variants: list[str],
-    tau: float,
-) -> list[dict[str, object]]:
-    base = run_baseline(scenario, conventions, p, seed)
-    head = {"preset": preset, "p": p, "seed": seed, "triggered": int(base.fired(tau).sum())}
-    return [
-        {"variant": variant, **head, **_variant_row(base, conventions, variant, tau)}
-        for variant in variants
-    ]
+    def __post_init__(self):
+        unknown = {name for names in self.variants.values() for name in names} - set(VARIANTS)
+        if unknown:
+            raise ValueError(f"variants has {sorted(unknown)}: they must be among {VARIANTS}")
+
+    def __call__(self, base: Baseline, conventions: Conventions) -> list[dict[str, object]]:
+        """The rows of one world.
+
+        Returns
+        -------
+        variant, triggered, accepted; gain_min, gain_median, gain_max [nats] and gain_peak_window
+        (the first pose of the window that gains most); ess_share (median); isam2_pose_rmse,
+        base_pose_rmse (before refinement: the same, or the batch estimate's), sngr_pose_rmse,
+        sngr_landmark_rmse [m] (refinement moves poses only); isam2_nees, base_nees, sngr_nees;
+        saving (all windows over the refined ones: what is saved if each costs the same); noop
+        (mean log weight of the trigger-only baseline, in expectation, [nats]). NaN where nothing
+        fires
+        """
+        triggered = int(base.fired(self.tau).sum())
+        return [
+            {"variant": variant, "triggered": triggered}
+            | _variant_row(base, conventions, variant, self.tau)
+            for variant in self.variants.get((base.p, base.seed), ())
+        ]
 
 
 def _variant_row(

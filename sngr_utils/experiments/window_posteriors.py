@@ -5,6 +5,7 @@ window (or window and setting), so that many worlds are rows of one table.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -13,11 +14,13 @@ from sngr_utils.sampling import engines, importance, laplace
 from sngr_utils.sampling.importance import modes_of_factors
 from sngr_utils.sampling.settings import FastSettings, SamplerSettings
 from sngr_utils.sampling.targets import compiled
+from sngr_utils.sampling.weighted_samples import WeightedSamples
 from sngr_utils.slam import levenberg_marquardt
 from sngr_utils.slam.solution import Solution
 from sngr_utils.sngr import closure, refine, window_posterior, windows
 from sngr_utils.sngr.baseline import Baseline
 
+PRIOR_SCALE = 4.0  # of the prior about a settled window, which is divided out again
 # name -> factor on GTSAM's error(), is the prior divided out?
 READINGS = {
     "paper": (0.5, False),
@@ -138,23 +141,56 @@ def gains(
     return pd.DataFrame(rows)
 
 
-def gaussianity(
-    solution: Solution,
-    covariances: np.ndarray,
-    which: Sequence[int],
-    separators: str,
-    draws: int = 20_000,
-    scale: float = 4.0,
-    *,
-    rng: np.random.Generator,
-) -> pd.DataFrame:
-    """Flaw 5: Laplace evidence of a window's posterior against importance sampling.
+@dataclass(frozen=True)
+class Settled:
+    """The corrected target of a window of the settled estimate, sampled once for all checks.
+
+    Attributes
+    ----------
+    window : t
+    target : of `window_posterior.target`
+    cholesky : (d, d) root of the prior N(0, scale * covariance) that is divided out
+    gaussian : Laplace's; None where there is none
+    run : draws about it; None where their weights may not be trusted
+    """
+
+    window: int
+    target: window_posterior.Target
+    cholesky: np.ndarray
+    gaussian: laplace.Laplace | None
+    run: WeightedSamples | None
+
+
+def settled_targets(
+    solution: Solution, covariances: np.ndarray, which: Sequence[int], separators: str,
+    draws: int = 20_000, scale: float = PRIOR_SCALE, *, rng: np.random.Generator,
+) -> list[Settled]:  # fmt: skip
+    """The targets of some windows and their samples.
 
     Parameters
     ----------
     covariances : (N, 9, 9) Sigma_w
     separators : "conditional" or "marginal", see `corrected.CorrectedSettings`
     draws : from a Student t about the Laplace Gaussian
+    """
+    pieces, found = window_posterior.expand(solution), []
+    for t in which:
+        aim = window_posterior.target(solution, t, covariances[t], separators, pieces)
+        cholesky = np.linalg.cholesky(scale * aim.covariance)
+        factors = aim.corrected(scale)
+        one = laplace.laplace_approximation(factors, cholesky, np.zeros(len(cholesky)))
+        run = one and laplace.sample_about(one, factors, cholesky, draws, rng=rng)
+        found.append(Settled(int(t), aim, cholesky, one, run))
+    return found
+
+
+def gaussianity(
+    settled: Sequence[Settled], scale: float = PRIOR_SCALE, *, rng: np.random.Generator
+) -> pd.DataFrame:
+    """Flaw 5: Laplace evidence of a window's posterior against importance sampling.
+
+    Parameters
+    ----------
     scale : of the prior that is divided out; 32 starts drawn from it look for modes
 
     Returns
@@ -163,18 +199,14 @@ def gaussianity(
     error), modes (found by many starts); difference and error NaN where there is no Laplace
     Gaussian or its weights may not be trusted
     """
-    pieces, rows = window_posterior.expand(solution), []
-    for t in which:
-        aim = window_posterior.target(solution, t, covariances[t], separators, pieces)
-        factors, cholesky = aim.corrected(scale), np.linalg.cholesky(scale * aim.covariance)
-        found = laplace.laplace_approximation(factors, cholesky, np.zeros(len(cholesky)))
-        run = laplace.sample(factors, cholesky, draws, rng=rng)
-        many = importance.sample(factors, cholesky, FastSettings(), rng=rng)
-        sound = found is not None and run is not None
+    rows = []
+    for one in settled:
+        run, sound = one.run, one.run is not None
+        many = importance.sample(one.target.corrected(scale), one.cholesky, FastSettings(), rng=rng)
         rows.append({
-            "window": int(t),
-            "dimension": len(cholesky),
-            "difference": run.log_evidence - found.log_evidence if sound else np.nan,
+            "window": one.window,
+            "dimension": len(one.cholesky),
+            "difference": run.log_evidence - one.gaussian.log_evidence if sound else np.nan,
             "error": run.log_evidence_error if sound else np.nan,
             "modes": many.diagnostics.n_modes,
         })

@@ -9,6 +9,7 @@ import pandas as pd
 from sngr_utils.experiments import sampler_numbers, window_posteriors
 from sngr_utils.experiments.many_worlds import map_worlds
 from sngr_utils.sampling import settings
+from sngr_utils.settings import READING
 from sngr_utils.slam import levenberg_marquardt
 from sngr_utils.slam.conventions import PRESETS
 from sngr_utils.sngr import corrected, noop_baseline, trigger, windows
@@ -26,8 +27,9 @@ class WindowStudies:
     ratios : marginal over conditional standard deviations, all presets
     gains : attainable gain, factor 1/2 as printed, at estimates settled more and more
     gaussianity : Laplace evidence against importance sampling, both treatments of separators
-    ess : effective sample sizes of windows of the settled estimate and of exact Gaussians
-    evidence : nested against importance sampling of the corrected target
+    ess : effective sample sizes of windows of the settled estimate and of exact Gaussians, under
+        the preset that is our reading only: they are the sampler's, whatever the preset
+    evidence : nested against importance sampling of the corrected target, likewise
     """
 
     widths: pd.DataFrame
@@ -61,25 +63,21 @@ def _of_one_world(scenario: Scenario, preset: str, p: float, seed: int) -> list[
     at_rest = replace(base, solution=settled, covariances=covariances)
     checks, laplace = [], []
     for separators, walks in (("conditional", 100), ("marginal", corrected.LONG_WALKS)):
-        here = {"separators": separators}
-        checks.append(
-            sampler_numbers.evidence_check(
-                settled, covariances, some[:: 1 + (separators == "marginal")], separators, walks,
-                rng=rng,
-            ).assign(**here)
-        )  # fmt: skip
-        laplace.append(
-            window_posteriors.gaussianity(settled, covariances, some, separators, rng=rng).assign(
-                **here
-            )
-        )
+        aims = window_posteriors.settled_targets(settled, covariances, some, separators, rng=rng)
+        found = window_posteriors.gaussianity(aims, rng=rng)
+        laplace.append(found.assign(separators=separators))
+        if preset == READING:
+            fewer = aims[:: 1 + (separators == "marginal")]
+            found = sampler_numbers.evidence_check(fewer, walks, rng=rng)
+            checks.append(found.assign(separators=separators))
+    ess = sampler_numbers.ess_shares(at_rest, some if preset == READING else [], sampler, rng=rng)
     tables = [
         window_posteriors.widths(base, some, sampler, rng=rng),
         window_posteriors.marginal_over_conditional(base),
         window_posteriors.gains(base, factor=0.5),
         pd.concat(laplace),
-        sampler_numbers.ess_shares(at_rest, some, sampler, rng=rng),
-        pd.concat(checks),
+        ess,
+        pd.concat(checks) if checks else pd.DataFrame(),
     ]
     return [table.assign(preset=preset, seed=seed).to_dict("list") for table in tables]
 

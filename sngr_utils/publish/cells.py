@@ -1,8 +1,9 @@
 """Tables keep their numbers until they are shown: in a notebook, or by `latex` in the paper."""
 
+import html
 import math
 import string
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,9 +100,25 @@ def interval(row: pd.Series, fmt: str = ".2f") -> Cell | str:
     return cell(shown.form + " ({:d})", *shown.numbers, int(row["n"]))
 
 
-def show(frame: pd.DataFrame) -> HTML:
-    """A table for display in a notebook, without its row numbers."""
-    return HTML(frame.to_html(index=False, border=0))
+def show(frame: pd.DataFrame, mark: Callable[[pd.Series, str], bool] | None = None) -> HTML:
+    """A table for display in a notebook, without its row numbers.
+
+    Parameters
+    ----------
+    mark : of a row and the name of a column, whether the cell is the one to look at; it is bold
+    """
+    if mark is None:
+        return HTML(frame.to_html(index=False, border=0))
+    shown = [
+        [_bold(row[name]) if mark(row, name) else html.escape(str(row[name])) for name in frame]
+        for _, row in frame.iterrows()
+    ]
+    heads = [html.escape(str(name)) for name in frame]
+    return HTML(pd.DataFrame(shown, columns=heads).to_html(index=False, border=0, escape=False))
+
+
+def _bold(content: object) -> str:
+    return f"<strong>{html.escape(str(content))}</strong>"
 
 
 def to_json(content: object) -> dict | int | str:

@@ -8,7 +8,7 @@ own, ``<notebook>.timings.json``.
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -109,13 +109,19 @@ class Report:
         entry["tolerance"] = tolerance(entry)
         self._results["samples"][key] = entry
 
-    def table(self, name: str, frame: pd.DataFrame, timing: bool = False) -> HTML:
-        """Hand on a whole table, its numbers with all digits; returns it, for display."""
+    def table(
+        self, name: str, frame: pd.DataFrame, timing: bool = False,
+        mark: Callable[[pd.Series, str], bool] | None = None,
+    ) -> HTML:  # fmt: skip
+        """Hand on a whole table, its numbers with all digits; returns it, for display.
+
+        What `cells.show` marks is marked in the notebook only.
+        """
         columns = [list(c) if isinstance(c, tuple) else [c] for c in frame.columns]
         rows = [[cells.to_json(cell) for cell in row] for row in frame.to_numpy(dtype=object)]
         entry = {"columns": columns, "rows": rows}
         (self._timings if timing else self._results)["tables"][name] = entry
-        return cells.show(frame)
+        return cells.show(frame, mark)
 
     def supplement(self, name: str, frame: pd.DataFrame, timing: bool = False) -> Markdown:
         """Hand on a table that is too long for a lesson; returns where it can be read."""

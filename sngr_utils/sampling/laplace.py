@@ -71,8 +71,16 @@ def laplace_approximation(
 def sample(
     factors: Factors, cholesky: np.ndarray, draws: int, *, rng: np.random.Generator
 ) -> WeightedSamples | None:
-    """Importance sampling from a Student t about the Laplace Gaussian at the estimate; None if
-    there is no such Gaussian, or if the weights' own diagnostics object to them.
+    """`sample_about` the Laplace Gaussian at the estimate; None if there is no such Gaussian."""
+    found = laplace_approximation(factors, cholesky, np.zeros(len(cholesky)))
+    return None if found is None else sample_about(found, factors, cholesky, draws, rng=rng)
+
+
+def sample_about(
+    found: Laplace, factors: Factors, cholesky: np.ndarray, draws: int, *, rng: np.random.Generator
+) -> WeightedSamples | None:
+    """Importance sampling from a Student t about a Laplace Gaussian; None if the weights' own
+    diagnostics object to them.
 
     It knows one mode. The limits are those of `importance`, which looks for more, but whose
     Gauss-Newton proposal is too narrow in many dimensions with wrong associations.
@@ -81,10 +89,7 @@ def sample(
     ----------
     cholesky : (d, d) lower-triangular L of the prior
     """
-    d, found = len(cholesky), laplace_approximation(factors, cholesky, np.zeros(len(cholesky)))
-    if found is None:
-        return None
-    spread = np.linalg.cholesky(found.covariance)
+    d, spread = len(cholesky), np.linalg.cholesky(found.covariance)
     noise = student_t(draws, d, rng=rng)
     xi = found.mode + noise @ spread.T
     log_likelihood = log_likelihoods(factors, xi)

@@ -1,26 +1,17 @@
-"""The tables and figures of notebook 05, and what it records.
-
-More than 300 lines, for the notebook has twenty tables.
-"""
-
-from collections.abc import Sequence
+"""The tables of notebook 05; see `audit_figures` for its figures, `audit_values` for the rest."""
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.ticker import LogLocator, NullFormatter
 
-from sngr_utils.audit import NOOP_P, Config
-from sngr_utils.experiments import isam2_over_worlds
 from sngr_utils.experiments.window_studies import WindowStudies
 from sngr_utils.metrics import standard_error, summaries
-from sngr_utils.publish import report
 from sngr_utils.publish.cells import NONE, Cell, cell, interval, mean_error, number, with_error
-from sngr_utils.show import methods, style
-from sngr_utils.show.common import legend_above
-from sngr_utils.show.style import WRONG_LABEL
+from sngr_utils.show import methods
 
 t = number
+
+WIDTHS = ("as printed", "with the whole likelihood", "and the prior divided out")
+SEPARATORS = {"conditional": "neighbours held", "marginal": "neighbours integrated out"}
 
 
 def by_preset(
@@ -60,6 +51,22 @@ def silent_table(detections: pd.DataFrame) -> pd.DataFrame:
         for preset, fired in at.groupby("preset")["triggered"]:
             silent = cell("{:d} of {:d} ({:d})", (fired == 0).sum(), len(fired), fired.max())
             rows[-1][f"{preset}: silent worlds (most triggers)"] = silent
+    return pd.DataFrame(rows)
+
+
+def words_table(detections: pd.DataFrame, tau: float) -> pd.DataFrame:
+    """In how many worlds the trigger is silent on clean data, and blind at the least p."""
+    at = detections[np.isclose(detections["tau"], tau)]
+    least = at.loc[at["p"] > 0, "p"].min()
+    rows = []
+    for preset, group in at.groupby("preset", sort=False):
+        clean, noisy = group[group["p"] == 0], group[(group["p"] == least) & (group["recall"] >= 0)]
+        silent, blind = clean["triggered"] == 0, noisy["recall"] == 0
+        rows.append({
+            "preset": preset,
+            "silent on clean data": cell("{:d} of {:d}", silent.sum(), len(silent)),
+            f"blind at p = {least:g}": cell("{:d} of {:d}", blind.sum(), len(blind)),
+        })  # fmt: skip
     return pd.DataFrame(rows)
 
 
@@ -221,6 +228,33 @@ def evidence_table(checks: pd.DataFrame) -> pd.DataFrame:
     ])  # fmt: skip
 
 
+def sampler_table(studies: WindowStudies) -> pd.DataFrame:
+    """What the sampler samples, in seven checks: what it should find, and what it finds."""
+    widths = studies.widths.groupby("reading", sort=False)
+    rows = [
+        (f"sampled width over the conditional one: {name}",
+         t(group["predicted_conditional"].mean(), ".3f"),
+         mean_error(group.groupby("seed")["over_conditional"].mean(), ".3f"))
+        for name, (_, group) in zip(WIDTHS, widths, strict=True)
+    ]  # fmt: skip
+    wider = studies.ratios["largest_direction"]
+    rows.append(("marginal width over the conditional one, widest direction: median (largest)",
+                 NONE, cell("{:.0f} ({:.0f})", wider.median(), wider.max())))  # fmt: skip
+    shares = 100 * studies.ess.query("scale == 1").groupby(["kind", "seed"])["ess_share"].mean()
+    rows.append((
+        "effective sample size [%]: of an exact Gaussian, of a window",
+        *(mean_error(shares[kind], ".1f") for kind in ("Gaussian", "window")),
+    ))
+    for separators, group in studies.gaussianity.groupby("separators"):
+        near = (group["difference"].abs() <= 3 * group["error"]).sum()
+        rows.append((
+            f"windows whose evidence is one Gaussian's, {SEPARATORS[separators]}",
+            t(len(group), "d"),
+            t(near, "d"),
+        ))
+    return pd.DataFrame(rows, columns=["what", "expected", "found"])
+
+
 def nees_table(nees: pd.DataFrame) -> pd.DataFrame:
     """NEES on clean data: mean of the x0 prior, frame of P, preset."""
     table = summaries.summary(nees, "nees", by=["x0_mean", "frame", "preset"])
@@ -254,137 +288,3 @@ def readings_table(readings: pd.DataFrame) -> pd.DataFrame:
          "range": cell("{:.4g} to {:.4g}", x.min(), x.max())}
         for name, x in readings.items()
     ])  # fmt: skip
-
-
-def curve_series(frame: pd.DataFrame, value: str) -> dict[str, tuple[np.ndarray, ...]]:
-    """preset -> p, mean, low, high for `common.draw_intervals`."""
-    table = summaries.summary(frame, value)
-    return {
-        preset: tuple(group[name].to_numpy() for name in ("p", "mean", "low", "high"))
-        for preset, group in table.groupby("preset", sort=False)
-    }
-
-
-def robust_series(runs: pd.DataFrame, start: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """key of a method -> p and mean pose RMSE [m], from one start, beside dead reckoning."""
-    chosen = runs[runs["start"].isin([start, "none"])]
-    means = chosen.groupby(["method", "p"], sort=False)["pose_rmse"].mean()
-    return {
-        method: (group.index.get_level_values("p").to_numpy(), group.to_numpy())
-        for method, group in means.groupby(level="method", sort=False)
-    }
-
-
-# What the claims ask of every preset: threshold -> column -> levels of p; and of refinement.
-MOST = (0.0, 0.1, 0.2, 0.3)
-EVERY_P = (*MOST, 0.4)
-DETECTED = {
-    3.9: dict.fromkeys(("triggered", "precision", "recall"), MOST),
-    3.92: {"triggered": (0.0, 0.3), "recall": (0.3,)},
-    3.96: {
-        **dict.fromkeys(("triggered", "precision", "recall"), EVERY_P),
-        **dict.fromkeys(("tp", "fp", "fn", "precision_over_base"), (0.3,)),
-    },
-    4.0: {"triggered": (0.0, 0.3)},
-}
-ROBUST = ("cauchy", "dead_reckoning", "gnc_tls", "huber", "least_squares", "oracle")
-REFINED = {
-    **dict.fromkeys(("sngr_pose_rmse", "sngr_landmark_rmse", "sngr_nees", "saving"), MOST),
-    **dict.fromkeys(("gain_min", "gain_peak_window", "ess_share"), (0.2,)),
-    "gain_max": (0.0, 0.2),
-}
-
-
-def record(
-    config: Config,
-    sweep: isam2_over_worlds.Sweep,
-    refined: pd.DataFrame,
-    gaussian_ess: pd.DataFrame,
-    to: report.Report,
-) -> None:
-    """Hand on one number per world for every claim (``paper/claims.yaml``)."""
-    to.value("audit.n_seeds", config.n_seeds, ".0f")
-    for (preset, p), rows in sweep.runs.groupby(["preset", "p"], sort=False):
-        for name in ("pose_rmse", "nees", "failed"):
-            to.sample(f"audit.{preset}.p{p:g}.{name}", rows[name].astype(float))
-    for (preset, p, tau), rows in sweep.detections.groupby(["preset", "p", "tau"], sort=False):
-        over = summaries.precision_over_base(rows, sweep.runs).to_numpy()
-        for name, levels in DETECTED.get(tau, {}).items():
-            if p in levels:
-                values = rows.assign(precision_over_base=over)[name].astype(float)
-                to.sample(f"audit.{preset}.p{p:g}.tau{tau:g}.{name}", values)
-    medians = sweep.scores.groupby(["preset", "p", "seed"], sort=False)["score"].median()
-    for (preset, p), values in medians.groupby(level=["preset", "p"], sort=False):
-        if p <= 0.1:
-            to.sample(f"audit.{preset}.p{p:g}.median_score", values)
-    for (preset, p), rows in refined.groupby(["preset", "p"], sort=False):
-        for name, levels in REFINED.items():
-            if p in levels:
-                to.sample(f"audit.{preset}.p{p:g}.{name}", rows[name].astype(float))
-        if p == NOOP_P:
-            to.sample(f"audit.{preset}.noop", rows["noop"].astype(float))
-    for preset, rows in gaussian_ess.groupby("preset", sort=False):
-        key = f"audit.{preset}.p{config.p_windows:g}.gaussian_ess_share"
-        to.sample(key, rows["ess_share"])
-
-
-def record_findings(
-    studies: WindowStudies, nees: pd.DataFrame, robust_runs: pd.DataFrame, to: report.Report
-) -> None:
-    """Hand on the numbers that the paper's text quotes; errors are those over worlds."""
-
-    def sample(key, values, fmt=".2f", unit=""):
-        values = np.asarray(values, dtype=float)
-        error = standard_error.standard_error(values)
-        to.value(key, float(values.mean()), fmt, unit, error, len(values))
-
-    for reading, rows in studies.widths.groupby("reading"):
-        by_world = rows.groupby("seed")["over_conditional"].mean()
-        sample(f"widths.{reading}.conditional", by_world, ".3f")
-    largest = studies.ratios["largest_direction"]
-    to.value("widths.largest_direction", largest.max(), ".0f", n=len(largest))
-    for separators, rows in studies.gaussianity.groupby("separators"):
-        near = rows["difference"].abs() <= 3 * rows["error"]
-        to.value(f"gaussian.{separators}.windows", len(rows), ".0f")
-        to.value(f"gaussian.{separators}.near", near.sum(), ".0f", within=6)
-        to.value(f"gaussian.{separators}.largest", rows["difference"].abs().max(), ".3f", "nats",
-                 n=len(rows), within=0.05)  # fmt: skip
-    for separators, rows in studies.evidence.groupby("separators"):
-        sample(f"evidence.{separators}.bias", rows["difference"], ".2f", "nats")
-        to.value(f"evidence.{separators}.largest", rows["in_errors"].abs().max(), ".1f",
-                 n=len(rows), within=1.5)  # fmt: skip
-    shares = studies.ess.groupby(["kind", "scale", "seed"])["ess_share"].mean()
-    for (kind, scale), values in shares.groupby(level=["kind", "scale"]):
-        sample(f"ess.{kind}.c{scale:g}", 100 * values, ".1f", "%")
-    for mean, rows in nees.query("frame == 'world' and preset == 'C'").groupby("x0_mean"):
-        sample(f"nees.C.{mean}", rows["nees"])
-    most = robust_runs.query("p == p.max() and start != 'first_poses'")
-    for (method, start, p), rows in most.groupby(["method", "start", "p"]):
-        if method in ROBUST:
-            sample(f"robust.{method}.{start}.p{p:g}", rows["pose_rmse"], unit="m")
-
-
-def draw_detection_curves(axes: Sequence[Axes], curves: dict[str, tuple]) -> None:
-    """ROC (left) and precision-recall curves (right); dotted: what firing at random gives."""
-    looks = zip(curves.items(), style.SEQUENCE, strict=False)
-    for (name, (roc, precision_recall, base_rate)), colour in looks:
-        axes[0].plot(*roc, color=colour, label=name)
-        axes[1].plot(*precision_recall, color=colour)
-        axes[1].axhline(base_rate, color=colour, lw=0.6, ls=":")
-    axes[0].plot([0, 1], [0, 1], ":", color=style.TRUTH, lw=0.6)
-    axes[0].set(xlabel="false positive rate", ylabel="true positive rate", aspect="equal")
-    axes[1].set(xlabel="recall", ylabel="precision", ylim=(0, 1.02))
-    legend_above(axes[0], ncols=2)
-
-
-def draw_robust(ax: Axes, series: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
-    """Mean pose RMSE [m] against p, log scale: key of a method -> (p, rmse)."""
-    for key, (p, rmse) in series.items():
-        look = methods.METHODS[key]
-        ax.semilogy(p, rmse, look.dash, marker=look.marker, mfc="none", color=look.colour,
-                    label=look.name)  # fmt: skip
-    ax.set(xlabel=WRONG_LABEL, ylabel="pose RMSE [m]")
-    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    ax.yaxis.set_major_formatter("{x:g}")
-    ax.yaxis.set_minor_formatter(NullFormatter())
-    legend_above(ax, ncols=3)

@@ -3,7 +3,7 @@ import pandas as pd
 import pytest
 
 from sngr_utils.detection import scores
-from sngr_utils.experiments import detector_scores, detector_summary
+from sngr_utils.experiments import detector_scores
 from sngr_utils.metrics import cluster_bootstrap, precision_recall
 from sngr_utils.slam import conventions
 from sngr_utils.sngr import failure, trigger
@@ -63,8 +63,8 @@ def test_thresholds_by_law_or_by_calibration(rows):
 
 def test_summaries_agree_with_the_plain_measures(rows):
     rng = np.random.default_rng(0)
-    ranked = detector_summary.ranking(rows, ["disagreement"], "contaminated", rng=rng)
-    decided = detector_summary.decisions(rows, {"disagreement": 0.1}, "contaminated", rng=rng)
+    ranked = detector_scores.ranking(rows, ["disagreement"], "contaminated", rng=rng)
+    decided = detector_scores.decisions(rows, {"disagreement": 0.1}, "contaminated", rng=rng)
     for case in rows["case"].unique():
         group = rows[rows["case"] == case]
         true, score = group["contaminated"].to_numpy(), group["disagreement"].to_numpy()
@@ -97,7 +97,7 @@ def columns(name, interval):
 
 def test_ranking_has_a_row_for_each_group_and_score_with_intervals_over_worlds():
     """What stands in a row is what the measures give for its windows, draw by draw."""
-    ranked = detector_summary.ranking(
+    ranked = detector_scores.ranking(
         GIVEN, ["score", "other"], "failed", rng=np.random.default_rng(3)
     )
     assert list(zip(ranked["case"], ranked["detector"], strict=True)) == [
@@ -124,7 +124,7 @@ def test_ranking_has_a_row_for_each_group_and_score_with_intervals_over_worlds()
 
 
 def test_decisions_have_every_rate_with_its_interval():
-    decided = detector_summary.decisions(
+    decided = detector_scores.decisions(
         GIVEN, {"score": 0.5, "other": 100.0}, "failed", rng=np.random.default_rng(4)
     )
     assert list(decided["detector"]) == ["score", "other"] * 2
@@ -151,7 +151,7 @@ def test_decisions_have_every_rate_with_its_interval():
 
 
 def test_firing_is_above_the_threshold_not_at_it():
-    decided = detector_summary.decisions(
+    decided = detector_scores.decisions(
         GIVEN, {"other": 46.0}, "failed", rng=np.random.default_rng(0)
     )
     assert decided["fired"].tolist() == [0, 1 / 24]

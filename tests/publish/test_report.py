@@ -116,3 +116,10 @@ def test_a_table_for_the_supplement_is_handed_on_and_only_named(tmp_path):
     assert "30 rows of 2 columns" in shown.data
     assert "TABLE=long" in shown.data
     assert len(json.loads((tmp_path / "07_peers.json").read_text())["tables"]["long"]["rows"]) == 30
+
+
+def test_a_marked_cell_is_bold_and_all_else_as_without_marks():
+    frame = pd.DataFrame({"a < b": ["x & y", "<z>"], "n": [cells.number(1.0), cells.number(2.0)]})
+    shown = cells.show(frame, lambda row, column: column == "n" and row["a < b"] == "<z>").data
+    assert "<strong>2.00</strong>" in shown
+    assert shown.replace("<strong>", "").replace("</strong>", "") == cells.show(frame).data

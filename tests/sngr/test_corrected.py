@@ -9,7 +9,12 @@ import pytest
 from gtsam.symbol_shorthand import X
 from scipy import stats
 
-from sngr_utils.experiments import sampler_numbers, sngr_over_worlds, window_posteriors
+from sngr_utils.experiments import (
+    isam2_over_worlds,
+    sampler_numbers,
+    sngr_over_worlds,
+    window_posteriors,
+)
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.numerics import derivatives
 from sngr_utils.sampling import (
@@ -474,16 +479,20 @@ def test_batch_ends_where_gtsams_default_damping_does_not():
 
 
 def test_sweep_is_the_same_serial_and_parallel():
+    refinement = sngr_over_worlds.Refinement({(0.2, 1): ("paper", "conditional")}, tau=3.0)
+
     def table(jobs):
-        return sngr_over_worlds.run_sweep(
-            scenario.Scenario(n_poses=8), {"C": conventions.PRESETS["C"]}, [0.2], [0, 1],
-            ("paper", "conditional"), tau=3.0, jobs=jobs,
-        )  # fmt: skip
+        return isam2_over_worlds.run_sweep(
+            scenario.Scenario(n_poses=8), {"C": conventions.PRESETS["C"]}, [0.2], [0, 1], [3.0],
+            jobs, refinement,
+        ).refined  # fmt: skip
 
     serial = table(1)
     with joblib.parallel_config(backend="threading"):
         parallel = table(2)
     assert serial.equals(parallel)
+    assert list(serial["variant"]) == ["paper", "conditional"]
+    assert (serial["seed"] == 1).all()
     assert (serial["triggered"] > 0).all()
-    with pytest.raises(ValueError, match="variants"):
-        sngr_over_worlds.run_sweep(QUIET, {}, [], [], ("bold",))
+    with pytest.raises(ValueError, match="bold"):
+        sngr_over_worlds.Refinement({(0.2, 1): ("bold",)})

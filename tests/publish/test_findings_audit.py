@@ -1,0 +1,183 @@
+"""Sentences of notebook 05 about signs and orders, on stored results."""
+
+import numpy as np
+import pytest
+
+from sngr_utils import paths
+from sngr_utils.metrics import summaries
+from sngr_utils.publish.results import results_in
+
+RESULTS = results_in(paths.REFERENCE)
+P = ("0", "0.1", "0.2", "0.3", "0.4")
+READINGS = ("A", "B", "C")
+
+
+def value(key):
+    return RESULTS[key]["value"]
+
+
+def worlds(key):
+    return np.array(RESULTS[key]["sample"], dtype=float)
+
+
+def entry(table, row, column, part=1):
+    """A number of a recorded table; rows, columns and parts of a cell count from one."""
+    key = f"tab_audit_{table}.row{row}.column{column}"
+    return value(key if part == 1 else f"{key}.{part}")
+
+
+def row_of(preset, p, levels=P):
+    """Of a table with a row for every preset and p."""
+    return 1 + READINGS.index(preset) * len(levels) + levels.index(p)
+
+
+@pytest.mark.parametrize("preset", READINGS)
+def test_error_and_inconsistency_grow_under_every_preset(preset):
+    means = [worlds(f"audit.{preset}.p{p}.pose_rmse").mean() for p in P]
+    assert means[0] < 0.3
+    assert np.all(np.diff(means) > 0)
+    nees = [worlds(f"audit.{preset}.p{p}.nees").mean() for p in ("0", "0.4")]
+    assert nees[0] < 2
+    assert nees[1] > 100
+
+
+@pytest.mark.parametrize(("row", "printed"), [(3, 1.64), (4, 1.82)])
+def test_the_printed_errors_lie_below_all_curves_in_the_middle(row, printed):
+    assert entry("rmse", row, 2) == printed
+    assert all(entry("rmse", row, column) > printed for column in (3, 4, 5))
+
+
+def test_a_drawn_prior_makes_c_consistent_on_clean_data():
+    drawn = RESULTS["nees.C.drawn"]
+    assert abs(drawn["value"] - 2) < 2 * drawn["standard_error"] < 1
+    assert value("nees.C.truth") < 1
+
+
+def test_under_c_nothing_could_refute_the_triggers_at_the_most_noise():
+    noisy, recall = (worlds(f"audit.C.p0.3.tau3.96.{name}") for name in ("triggered", "recall"))
+    assert (noisy.min(), noisy.max()) == (0, 26)
+    assert recall.max() - recall.min() > 0.9
+    clean = worlds("audit.C.p0.tau3.96.triggered")
+    assert clean.min() > 14  # most of 28
+    assert np.ptp(clean) < 0.15 * 26
+
+
+def test_scores_rank_within_a_world_and_not_over_worlds():
+    for p in P[1:]:
+        within = {preset: entry("auc", row_of(preset, p), 4) for preset in READINGS}
+        for preset in READINGS:
+            assert 0.3 < entry("auc", row_of(preset, p), 3) < 0.7
+            assert preset == "B" or within[preset] > within["B"]
+            assert preset == "B" or entry("auc", row_of(preset, p), 4, 2) > 0.5
+
+
+@pytest.mark.parametrize("p", P[2:])
+def test_most_of_the_precision_under_c_is_the_base_rate(p):
+    row = row_of("C", p)
+    assert entry("detection", row, 4) > 0.8
+    assert 0 < entry("detection", row, 6) < 0.1
+
+
+@pytest.mark.parametrize("row", [1, 2, 3])
+def test_in_centimetres_the_score_is_higher_by_four(row):
+    assert 3.95 < entry("units", row, 2) <= entry("units", row, 2, 2) < 4.0001
+    assert entry("units", row, 3, 2) < 0.01
+
+
+@pytest.mark.parametrize("preset", READINGS)
+def test_gains_are_what_the_solver_left(preset):
+    after = [entry("convergence", 1 + READINGS.index(preset), column) for column in range(2, 8)]
+    if preset == "B":
+        assert max(after) < 0.05
+    else:
+        assert min(after[:3]) > 5
+        assert after[3] < 0.5 * after[2]
+    assert abs(after[-1]) < 1e-3
+
+
+def test_the_largest_gain_is_of_nats_where_relinearisation_is_rare():
+    """Rows of `gains`: p = 0.2 and 0.3 under A, B, C."""
+    levels = P[:4]
+    for p in ("0.2", "0.3"):
+        largest = {preset: entry("gains", row_of(preset, p, levels), 7) for preset in READINGS}
+        assert largest["B"] < 0.1
+        assert min(largest["A"], largest["C"]) > 1
+        assert largest["C"] > largest["A"]
+
+
+def test_widths_are_as_predicted():
+    for row in (1, 2, 3):
+        assert entry("widths", row, 2) == pytest.approx(entry("widths", row, 3), rel=0.015)
+    assert entry("widths", 1, 2) > 1.05
+    assert entry("widths", 2, 2) < 0.95
+    assert all(entry("ratios", row, 3) > 5 for row in (1, 2, 3))
+
+
+def test_a_window_has_the_effective_sample_size_of_a_gaussian():
+    window, gaussian = (value(f"ess.{kind}.c1") for kind in ("window", "Gaussian"))
+    assert window == pytest.approx(gaussian, abs=2)
+    assert window > 50
+
+
+def test_windows_with_neighbours_held_are_gaussian():
+    assert value("gaussian.conditional.near") == value("gaussian.conditional.windows")
+    assert value("gaussian.marginal.near") < value("gaussian.marginal.windows")
+    assert value("gaussian.marginal.largest") < 0.1
+
+
+@pytest.mark.parametrize(("table", "printed", "n"), [("bimodality", 0.62, 7), ("noop", -73, 14)])
+def test_no_reading_gives_the_two_numbers(table, printed, n):
+    assert f"tab_audit_{table}.row{n + 1}.column2" not in RESULTS
+    for row in range(1, n + 1):
+        assert not entry(table, row, 3) <= printed <= entry(table, row, 3, 2)
+
+
+def test_losses_that_doubt_beat_odometry_and_least_squares_does_not():
+    """Rows of `robust`: dead reckoning, seven from the first poses, seven from the grid."""
+    dead_reckoning, oracle, huber = (entry("robust", row, 5) for row in (1, 15, 10))
+    assert entry("robust", 9, 5) > dead_reckoning
+    for row in (10, 11, 12, 13, 14):
+        assert entry("robust", row, 5) < dead_reckoning
+        assert row == 10 or entry("robust", row, 5) < 1.4 * oracle < huber
+    lost = [row for row in (4, 5, 6) if entry("robust", row, 6) > 2]
+    assert len(lost) == 3
+    assert all(entry("robust", row, 5) < dead_reckoning for row in lost)
+
+
+def test_settling_moves_more_than_refining_and_the_marginal_version_harms_under_c():
+    """Rows of `corrected`: conditional, marginal, paper, under A, B, C."""
+    for first in (1, 7):
+        assert entry("corrected", first, 7, 3) < 0
+        assert abs(entry("corrected", first, 8)) < 1 < abs(entry("corrected", first, 7))
+    for row in (1, 4, 7):
+        assert entry("corrected", row, 6) < 0.01  # nothing to gain
+        assert abs(entry("corrected", row + 1, 8)) < 10  # mm, in the median
+    assert entry("corrected", 8, 8, 3) > 100
+    assert all(entry("corrected", row, 9) > 20 for row in range(1, 10))
+
+
+@pytest.mark.parametrize("separators", ["conditional", "marginal"])
+def test_nested_and_importance_sampling_agree_on_the_evidence(separators):
+    bias = RESULTS[f"evidence.{separators}.bias"]
+    assert abs(bias["value"]) < 3 * bias["standard_error"]
+    assert value(f"evidence.{separators}.largest") < 4
+
+
+def test_five_worlds_tell_no_presets_apart():
+    at_most = {preset: worlds(f"audit.{preset}.p0.4.pose_rmse") for preset in READINGS}
+    five = np.sort(at_most["C"][:5])
+    width = 2 * 2.776 * five.std(ddof=1) / np.sqrt(5)
+    means = [found.mean() for found in at_most.values()]
+    assert np.ptp(means) < width
+
+
+def test_signs_of_all_levels_and_presets_have_one_exception():
+    tests = {
+        (preset, p): summaries.sign_test(
+            worlds(f"audit.{preset}.p{p}.sngr_pose_rmse") - worlds(f"audit.{preset}.p{p}.pose_rmse")
+        )
+        for preset in READINGS
+        for p in P[1:4]
+    }
+    assert [key for key, found in tests.items() if found[2] < 0.05 / 9] == [("C", "0.3")]
+    assert tests["C", "0.3"][:2] == (21, 5)
