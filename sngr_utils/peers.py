@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     import numpy as np
     import pandas as pd
 
-    from sngr_utils.experiments.one_range import Ambiguous
-
 BEST = "em_exclusive"  # what the others are tested against
 
 
@@ -30,7 +28,7 @@ class Config(ManyWorlds):
     """
 
     first_seed: Seed = 6000
-    n_seeds: Annotated[int, Field(ge=2)] = 15
+    n_seeds: Annotated[int, Field(ge=2)] = 20
     p_levels: Levels = [0.0, 0.2, 0.4]
     p_starts: Levels = [0.4]
     n_particles: Annotated[int, Field(ge=2)] = 300
@@ -76,10 +74,3 @@ def pull(config: Config, distances: np.ndarray) -> tuple[np.ndarray, dict[str, n
     from sngr_utils.experiments import one_range
 
     return one_range.pull(config.scenario, distances)
-
-
-def ambiguous(config: Config) -> Ambiguous:
-    """The range of the first world whose source is most open under EM, as each mixture sees it."""
-    from sngr_utils.experiments import one_range
-
-    return one_range.ambiguous(config.scenario, config.p_starts[0], config.first_seed)

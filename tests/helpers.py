@@ -2,6 +2,7 @@
 
 import importlib
 import re
+import runpy
 import warnings
 from dataclasses import replace
 
@@ -37,10 +38,12 @@ FIRST_CHAPTER = ("cost", "sigma", "error")
 
 
 def asked_keys():
-    """What the paper, the first chapter and the claims, under any preset, ask of the notebooks."""
+    """What paper, first chapter, findings and claims, under any preset, ask of the notebooks."""
     needed = {key for preset in conventions.PRESETS for key in claims.needed(preset)}
     drives = [f"start.{drive}.{what}" for drive in ("right", "one_wrong") for what in FIRST_CHAPTER]
     needed |= {"start.upper_mass", *drives}  # tests/test_start_here.py holds sentences against them
+    for path in (paths.ROOT / "tests" / "publish").glob("test_findings_*.py"):
+        needed |= runpy.run_path(str(path)).get("ASKED", set())
     return needed | set(re.findall(r"\\res\{([^}]*)\}", paper_text()))
 
 

@@ -260,18 +260,26 @@ def _pairs(
 
 
 def relative_to_oracle(runs: pd.DataFrame) -> pd.DataFrame:
-    """`runs` with a column ratio: pose RMSE over the oracle's from `REFERENCE_START`, same world.
+    """`runs` with errors over the oracle's from `REFERENCE_START` on the same world.
+
+    Returns
+    -------
+    with the columns ratio and landmark_ratio, of pose_rmse and landmark_rmse, and oracle_rmse,
+    the oracle's pose RMSE, [m]
 
     Raises
     ------
     ValueError : the oracle from there is missing in some world
     """
     oracle = runs[(runs["method"] == "oracle") & (runs["start"] == REFERENCE_START)]
-    best = oracle.set_index(["p", "seed"])["pose_rmse"].rename("oracle_rmse")
-    joined = runs.join(best, on=["p", "seed"])
-    if joined["oracle_rmse"].isna().any():
+    best = oracle.set_index(["p", "seed"])[["pose_rmse", "landmark_rmse"]]
+    joined = runs.join(best.add_prefix("oracle_"), on=["p", "seed"])
+    if joined["oracle_pose_rmse"].isna().any():
         raise ValueError(f"runs lack the oracle from start {REFERENCE_START!r} in some world")
-    return joined.assign(ratio=joined["pose_rmse"] / joined["oracle_rmse"])
+    return joined.assign(
+        ratio=joined["pose_rmse"] / joined["oracle_pose_rmse"],
+        landmark_ratio=joined["landmark_rmse"] / joined.pop("oracle_landmark_rmse"),
+    ).rename(columns={"oracle_pose_rmse": "oracle_rmse"})
 
 
 def paired(runs: pd.DataFrame, a: str, b: str, start: str = REFERENCE_START) -> pd.DataFrame:

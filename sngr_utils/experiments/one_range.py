@@ -1,11 +1,11 @@
-"""What each way of doubting makes of one range, and of ten to one landmark."""
+"""What losses make of ten ranges to one landmark, and a scan that several landmarks explain."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
 
-from sngr_utils.robust import association, em, max_mixtures, switchable_constraints
+from sngr_utils.robust import em, switchable_constraints
 from sngr_utils.robust.losses import GNC_SQUARED, LOSSES
 from sngr_utils.settings import READING
 from sngr_utils.slam.conventions import PRESETS
@@ -56,46 +56,37 @@ def pull(scenario: Scenario, distances: np.ndarray) -> tuple[np.ndarray, dict[st
 
 
 @dataclass(frozen=True)
-class Ambiguous:
-    """One range that several landmarks explain.
+class Scan:
+    """The ranges of one pose, one of which several landmarks explain.
 
     Attributes
     ----------
-    position : (2,) where it was taken, estimated, [m]
+    position : (2,) of the pose, estimated, [m]
     landmarks : (K, 2) estimated, [m]
-    distance : the range, [m]
-    label, source : landmark it is attached to, and came from
-    beliefs : name -> (K,) how much of the range each landmark gets
+    ranges : (M,), [m]
+    labels, sources : (M,) landmark that each range is labelled with, and came from
+    wrong : share of wrong labels, estimated
+    open : the range in question
     """
 
     position: np.ndarray
     landmarks: np.ndarray
-    distance: float
-    label: int
-    source: int
-    beliefs: dict[str, np.ndarray]
+    ranges: np.ndarray
+    labels: np.ndarray
+    sources: np.ndarray
+    wrong: float
+    open: int
 
 
-def ambiguous(scenario: Scenario, p: float, seed: int) -> Ambiguous:
-    """The range of a world whose source is most open under EM, as each mixture sees it."""
+def ambiguous(scenario: Scenario, p: float, seed: int) -> Scan:
+    """The scan of a world with the range whose source is most open under EM."""
     conventions = PRESETS[READING]
     the_world = simulation.simulate(scenario, p, rng=np.random.default_rng(seed))
     log = the_world.log(conventions.x0_sigmas)
     found = em.estimate(log, conventions, "grid", exclusive=False, clutter=False)
-    at = log, found.poses, found.landmarks
-    alone, scan = (
-        association.responsibilities(*at, found.shares, 1.0, exclusive)[:, :-1]
-        for exclusive in (False, True)
-    )
-    m = int(np.argmax(stats.entropy(alone, axis=1)))
-    best, _ = max_mixtures.choose_landmark(*at)
-    prior = np.exp(association.log_prior(log, found.shares))[:, :-1]
-    hard = np.eye(the_world.n_landmarks)
-    beliefs = {
-        "label": hard[the_world.label_of[m]], "prior": prior[m],
-        "max_mixture_all": hard[best[m]], "em": alone[m], "em_exclusive": scan[m],
-    }  # fmt: skip
-    return Ambiguous(
-        found.poses[the_world.pose_of[m], :2], found.landmarks, float(the_world.ranges[m]),
-        int(the_world.label_of[m]), int(the_world.source_of[m]), beliefs,
+    m = int(np.argmax(stats.entropy(found.responsibilities, axis=1)))
+    here = np.flatnonzero(log.pose_of == log.pose_of[m])
+    return Scan(
+        found.poses[log.pose_of[m], :2], found.landmarks, log.ranges[here], log.label_of[here],
+        the_world.source_of[here], found.shares.wrong, int(np.argmax(here == m)),
     )  # fmt: skip

@@ -3,7 +3,6 @@
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.patches import Circle
 from matplotlib.ticker import NullFormatter
 
 from sngr_utils.experiments import estimators
@@ -29,6 +28,13 @@ def by_method(runs: pd.DataFrame, value: str, fmt: str = ".2f") -> pd.DataFrame:
         for method, group in table.groupby("method", sort=False)
     ]
     return pd.DataFrame(rows, columns=["method", *(f"p = {p:g}" for p in table["p"].unique())])
+
+
+def medians_of(runs: pd.DataFrame, value: str, names: list[str]) -> pd.DataFrame:
+    """Medians of a column from the grid for a few methods, p across: what a lesson shows."""
+    middle = from_grid(runs).groupby(["method", "p"])[value].median().unstack()
+    rows = [[methods.shown(name), *map(t, middle.loc[name])] for name in names]
+    return pd.DataFrame(rows, columns=["method", *(f"p = {p:g}" for p in middle.columns)])
 
 
 def start_table(runs: pd.DataFrame) -> pd.DataFrame:
@@ -86,9 +92,9 @@ def time_table(runs: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["method", "CPU time [ms]"])
 
 
-def ratio_series(runs: pd.DataFrame) -> dict[float, tuple[list[str], np.ndarray]]:
-    """p -> names and (M, 3) median, low, high of the ratio to the oracle, from the grid."""
-    table = summaries.medians(from_grid(runs), "ratio", by=["p", "method"])
+def ratio_series(runs: pd.DataFrame, value: str) -> dict[float, tuple[list[str], np.ndarray]]:
+    """p -> names and (M, 3) median, low, high of a ratio to the oracle's, from the grid."""
+    table = summaries.medians(from_grid(runs).dropna(subset=value), value, by=["p", "method"])
     return {
         p: (
             [methods.shown(m) for m in group["method"]],
@@ -127,63 +133,62 @@ def draw_pull(
     ax.margins(y=0.03)
 
 
-def draw_range(
-    ax: Axes, position: np.ndarray, distance: float, landmarks: np.ndarray, label: int, source: int
+def draw_ratios(
+    ax: Axes, series: dict[float, tuple[list[str], np.ndarray]], of: str = "pose"
 ) -> None:
-    """The circle of one range about its pose, and the (K, 2) landmarks that may be its source."""
-    ax.add_patch(Circle(position, distance, fill=False, color=style.ESTIMATE, lw=0.8))
-    ax.plot(*position, "o", color=style.ESTIMATE, label="pose")
-    ax.plot(*landmarks.T, "^", color=style.LANDMARK, label="landmarks")
-    for k, landmark in enumerate(landmarks):
-        ax.annotate(str(k), landmark, (2, 3), textcoords="offset points", fontsize=7)
-    ax.plot(*landmarks[label], "s", mfc="none", ms=8, color=style.TRIGGERED, label="label")
-    ax.plot(*landmarks[source], "o", mfc="none", ms=10, color=style.SAMPLES, label="source")
-    low, high = (f(np.vstack([landmarks, position]), axis=0) for f in (np.min, np.max))
-    ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
-    ax.set(xlim=(low[0] - 1, high[0] + 1), ylim=(low[1] - 1, high[1] + 1))
-    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=2)
-
-
-def draw_beliefs(ax: Axes, beliefs: dict[str, np.ndarray]) -> None:
-    """How much of a range each landmark gets: bars, one group for each of name -> (K,).
-
-    The names are those of methods, "label" and "prior".
-    """
-    width, others = 0.8 / len(beliefs), {"label": style.TRIGGERED, "prior": style.PRINTED}
-    for i, (name, shares) in enumerate(beliefs.items()):
-        place = np.arange(len(shares)) + (i - (len(beliefs) - 1) / 2) * width
-        colour = others.get(name) or methods.METHODS[name].colour
-        ax.bar(place, shares, width, color=colour, label=methods.shown(name))
-    ax.set(xlabel="landmark", ylabel="share of the range", xticks=range(len(shares)))
-    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=2)
-
-
-def draw_ratios(ax: Axes, series: dict[float, tuple[list[str], np.ndarray]]) -> None:
-    """Ratio to the oracle, p -> names and (M, 3) mean, low, high: a row per method, log scale."""
+    """Ratio to the oracle, p -> names and (M, 3) median, low, high: a row per method, log scale."""
     for i, (p, (names, values)) in enumerate(series.items()):
         rows = -np.arange(len(names)) + 0.18 * ((len(series) - 1) / 2 - i)
-        mean, low, high = values.T
-        bars = np.array([mean - np.maximum(low, 0.5 * mean), high - mean])
+        middle, low, high = values.T
+        bars = np.array([middle - np.maximum(low, 0.5 * middle), high - middle])
         ax.errorbar(
-            mean, rows, xerr=bars, fmt=MARKERS[i], color=style.SEQUENCE[i], ms=2.5, lw=0.8,
+            middle, rows, xerr=bars, fmt=MARKERS[i], color=style.SEQUENCE[i], ms=2.5, lw=0.8,
             label=f"p = {p:g}",
         )  # fmt: skip
-    ax.axvline(1, color=style.TRUTH, lw=0.6)
-    ax.set(xscale="log", xlabel="pose RMSE over the oracle's", xticks=[1, 2, 5, 10, 20])
     ax.set_yticks(-np.arange(len(names)), names)
-    ax.xaxis.set_major_formatter("{x:g}")
-    ax.xaxis.set_minor_formatter(NullFormatter())
-    ax.grid(axis="y", lw=0.3)
+    _ratio_axis(ax, f"{of} RMSE over the oracle's")
     ax.legend(loc="lower center", bbox_to_anchor=(0.4, 1), ncols=len(series))
 
 
-# method -> the columns that the paper's text quotes of it
-QUOTED = {
-    "dead_reckoning": ("ratio",), "isam2": ("ratio", "nees"), "fastslam": ("ratio", "nees"),
-    "least_squares": ("nees",), "huber": ("ratio", "nees"), "cauchy": ("ratio", "nees"),
-    "gnc_tls": ("ratio",), "switchable": ("ratio",), "max_mixture_all": ("ratio",),
-    "em": ("ratio",), "em_exclusive": ("ratio", "nees"), "oracle": ("nees",),
-}  # fmt: skip
+def _ratio_axis(ax: Axes, label: str) -> None:
+    ax.axvline(1, color=style.TRUTH, lw=0.6)
+    ax.set(xscale="log", xlabel=label, xticks=[1, 2, 5, 10, 20])
+    ax.xaxis.set_major_formatter("{x:g}")
+    ax.xaxis.set_minor_formatter(NullFormatter())
+    ax.grid(axis="y", lw=0.3)
+
+
+def draw_starts(ax: Axes, runs: pd.DataFrame) -> None:
+    """Ratio to the oracle from either start at the first level that has both, a dot per world."""
+    other = runs[runs["start"] == "first_poses"]
+    at = runs[runs["p"] == other["p"].iloc[0]]
+    names = list(dict.fromkeys(other["method"]))
+    for start, marker, colour, shift in (
+        ("grid", "o", style.ESTIMATE, 0.18), ("first_poses", "x", style.TRIGGERED, -0.18),
+    ):  # fmt: skip
+        rows = at[at["start"] == start]
+        place = [shift - names.index(m) for m in rows["method"]]
+        ax.plot(rows["ratio"], place, marker, ms=2.8, mfc="none", mew=0.6, color=colour,
+                label=f"start: {methods.shown(start)}")  # fmt: skip
+    ax.axvline(estimators.LOST, color=style.TRUTH, lw=0.6, ls=":")
+    ax.set_yticks(-np.arange(len(names)), [methods.shown(m) for m in names])
+    _ratio_axis(ax, "pose RMSE over the oracle's, a mark per world")
+    ax.legend(loc="lower center", bbox_to_anchor=(0.4, 1), ncols=2)
+
+
+def draw_weights(ax: Axes, weights: np.ndarray, wrong: np.ndarray) -> None:
+    """Weight of each of (M,) ranges in each of R rounds, (R, M); orange if its label is wrong."""
+    for flag, colour, name in (
+        (False, style.TRUTH, "label right"), (True, style.TRIGGERED, "label wrong"),
+    ):  # fmt: skip
+        lines = ax.plot(weights[:, wrong == flag], color=colour, lw=0.7, alpha=0.7)
+        for line in lines[:1]:
+            line.set_label(name)
+    ax.set(xlabel="round", ylabel="weight of a range", ylim=(-0.05, 1.05))
+    ax.legend(loc="center right")
+
+
+# whose share of lost runs the paper's text quotes
 LOST = {
     "grid": ("gnc_tls", "max_mixture_all", "em"),
     "first_poses": ("gnc_tls", "max_mixture_all", "em", "em_exclusive"),
@@ -191,14 +196,16 @@ LOST = {
 
 
 def record(config: Config, runs: pd.DataFrame, to: report.Report) -> None:
-    """Hand on one number per world, and the shares, that the paper's text quotes."""
+    """Hand on one number per world of each method, start and level, and what the text quotes."""
     to.value("peers.n_seeds", config.n_seeds, ".0f")
-    for (method, start, p), rows in runs[runs["p"] == max(config.p_levels)].groupby(
-        ["method", "start", "p"], sort=False
-    ):
+    for (method, start, p), rows in runs.groupby(["method", "start", "p"], sort=False):
         here = f"peers.{method}.{start}.p{p:g}"
-        for name in QUOTED.get(method, ()) if start in ("grid", "none") else ():
-            to.sample(f"{here}.{name}", rows[name])
+        columns = ("ratio",) if start == "first_poses" else ("ratio", "landmark_ratio", "nees")
+        for name in columns:
+            if rows[name].notna().any():  # odometry alone has no landmarks
+                to.sample(f"{here}.{name}", rows[name])
+        if p < max(config.p_levels):
+            continue
         if method in LOST.get(start, ()):
             lost = 100 * (rows["ratio"] > estimators.LOST).mean()
             to.value(f"{here}.lost", lost, ".0f", "%", n=len(rows), within=200 / len(rows))
