@@ -61,7 +61,7 @@ def _variable(key: int) -> str:
 
 def _factor(factor: gtsam.NonlinearFactor) -> str:
     """E.g. "range 3.100 m of pose 2 and landmark 0"."""
-    of = " and ".join(_variable(key) for key in factor.keys())
+    of = " and ".join(map(_variable, factor.keys()))
     if isinstance(factor, gtsam.RangeFactor2D):
         return f"range {factor.measured():.3f} m of {of}"
     return f"{'prior' if len(factor.keys()) == 1 else 'odometry'} of {of}"
