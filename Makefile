@@ -62,6 +62,9 @@ help:
 	@echo 'make verify     re-run everything aside and compare with paper/reference'
 	@echo 'make setup      the Python environment only (.venv)'
 	@echo 'make site       the web site, in build/site; make test-site looks at it in a browser'
+	@echo 'make archive    results with checksums and metadata, for a repository of data, in build/archive'
+	@echo 'make arxiv      the sources of the paper as a tarball that typesets alone'
+	@echo 'make results-from TARBALL=...  take results from an archive; one notebook is run to check'
 	@echo 'make lint       ruff, imports between rooms, and how long each notebook takes to read'
 	@echo 'make student    the notebooks without their solutions, into build/student'
 	@echo 'make lock       resolve pyproject.toml into environment.lock again (needs uv)'
@@ -151,7 +154,7 @@ coverage: check
 # The web site, from the committed notebooks as they are; open build/site/index.html.
 .PHONY: site test-site
 site: setup student
-	@bash scripts/setup_site.sh
+	@bash scripts/setup_more.sh site docs/site/requirements.lock
 	@$(PY) docs/site/assemble.py
 	@rm -rf build/site
 	@$(PY) -m sphinx -q -W -E -c docs/site -d build/cache/site build/site-source build/site
@@ -159,6 +162,20 @@ site: setup student
 test-site: site
 	@bash scripts/install_browser.sh
 	@$(PY) -m pytest tests/site/test_*.py --dist=load
+
+# What is left for others to keep: build/archive, from results at hand; and paper's sources.
+.PHONY: archive arxiv results-from
+archive: results
+	@bash scripts/setup_more.sh archive scripts/archive.lock
+	@$(RUN) latex
+	@$(PY) scripts/archive.py
+
+arxiv: pdf
+	@$(PY) scripts/arxiv.py
+
+# In place of executing: make results-from TARBALL=sngr-results.tar.gz, its .sha256 beside it.
+results-from: setup
+	@$(PY) scripts/results_from.py '$(or $(TARBALL),$(error name it: TARBALL=))'
 
 # A study that stands outside `make paper`: make study/NAME, as often as it is interrupted.
 study/%: setup
@@ -172,6 +189,7 @@ mutants: setup
 # In copies below build/matrix; STRICT=1 fails on a skip that scripts/matrix does not name.
 .PHONY: matrix
 matrix: setup
+	@bash scripts/setup_more.sh archive scripts/archive.lock
 	@$(PY) scripts/matrix $(if $(STRICT),--strict)
 
 lint: setup
@@ -190,6 +208,8 @@ lock:
 	  --no-header --python-version 3.11 --group dev pyproject.toml -o environment.lock
 	uv pip compile --quiet --universal --fork-strategy fewest --generate-hashes --no-annotate \
 	  --no-header --python-version 3.11 --group site -c environment.lock -o docs/site/requirements.lock
+	uv pip compile --quiet --universal --fork-strategy fewest --generate-hashes --no-annotate \
+	  --no-header --python-version 3.11 --group archive -c environment.lock -o scripts/archive.lock
 
 clean:
 	rm -rf build paper/generated paper/sngr.pdf paper/supplement.pdf .pytest_cache .ruff_cache .coverage

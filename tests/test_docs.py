@@ -50,3 +50,18 @@ def test_the_quiz_has_fifteen_questions_and_answers():
     assert parts[1::2] == [str(number) for number in range(1, 16)]
     for part in parts[2::2]:
         assert part.count("<details>") == part.count("</details>") == 1
+
+
+def test_each_message_of_the_page_of_help_is_one_that_is_given():
+    text = (paths.ROOT / "docs/help.md").read_text(encoding="utf-8")
+    heads = re.findall(r"^- (`.+?`(?:, `.+?`)*):(?: |$)", text, re.MULTILINE)
+    told = [message for head in heads for message in re.findall(r"`(.+?)`", head)]
+    assert len(told) > 20
+    assert len(heads) == text.count("\n- `")
+    folders = [*paths.PACKAGE.rglob("*.py"), *(paths.ROOT / "scripts").glob("*.*")]
+    sources = [*folders, paths.ROOT / "conftest.py"]
+    given = "\n".join(path.read_text(encoding="utf-8") for path in sources)
+    given = re.sub(r'"\s*\n\s*f?"', "", given)  # a string that goes on in the next line
+    for message in told:
+        for part in message.removeprefix("error: ").split("…"):
+            assert part.strip(" :") in given, message

@@ -10,6 +10,7 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 
+import archives
 import copies
 import files
 import machines
@@ -22,7 +23,7 @@ MAY_SKIP = {
     "no /dev/shm",
     "no network after set-up",
 }
-SITUATIONS = {**machines.SITUATIONS, **texts.SITUATIONS, **files.SITUATIONS}
+SITUATIONS = {**machines.SITUATIONS, **texts.SITUATIONS, **files.SITUATIONS, **archives.SITUATIONS}
 
 
 def attempt(name: str) -> tuple[str, str, str]:

@@ -17,7 +17,8 @@ WORK = ROOT / "build" / "matrix"
 sys.path.insert(0, str(ROOT / "tests"))
 
 NAME = "01_bimodal"
-TOP = ("Makefile", "scripts", "pyproject.toml", ".gitattributes", ".gitignore", "README.md")
+TOP = ("Makefile", "scripts", "pyproject.toml", ".gitattributes", ".gitignore", "README.md",
+       "LICENSE", "LICENSE-text", "binder")  # fmt: skip
 PAPER = r"""\documentclass{article}\usepackage{booktabs,hyperref}
 \pdftrailerid{}\pdfsuppressptexinfo=-1
 \input{generated/values}\input{generated/timings}\input{generated/sources}
@@ -68,14 +69,15 @@ class Copy:
         (self.root / ".venv/bin").mkdir()
         (self.root / ".venv/bin/python").symlink_to((real / "bin/python").resolve())
         (self.root / ".venv/share").symlink_to(real / "share")
-        shutil.copy(real / "pyvenv.cfg", self.root / ".venv")
+        for name in ("pyvenv.cfg", "archive"):
+            shutil.copy(real / name, self.root / ".venv")
         (own / "sngr.pth").write_text(f"{self.root}\n{packages}\n", encoding="utf-8")
         with open(self.root / "environment.lock", "rb") as lock:
             summed = subprocess.run(["cksum"], stdin=lock, capture_output=True, text=True).stdout
         (self.root / ".venv/complete").write_text(f"{summed.rstrip()} {self.root}\n")
         return self
 
-    def run(self, *command: str, timeout: float = 120) -> Done:
+    def run(self, *command: str, timeout: float = 600) -> Done:
         """Run a command in the copy, as its user."""
         done = subprocess.run(
             [*self.before, *command], cwd=self.root, env=self.env(), timeout=timeout,

@@ -3,12 +3,13 @@
 import json
 import os
 import re
+import time
 from pathlib import Path
 from typing import Any
 
 from sngr_utils import paths
-from sngr_utils.publish import claims, execution, links, notebooks
-from sngr_utils.publish.files import read_json, replace, write_json, write_text
+from sngr_utils.publish import claims, execution, links, notebooks, verified
+from sngr_utils.publish.files import entries, read_json, replace, write_json, write_text
 from sngr_utils.publish.freshness import MALFORMED, STAMP, digest, file_digest, is_fresh, relative
 from sngr_utils.publish.notebooks import ProjectError
 from sngr_utils.publish.parameters import read_params
@@ -98,7 +99,9 @@ def run_quick(name: str) -> None:
 def run_aside(name: str) -> None:
     """Execute a notebook with its YAML into ``build/verify``, touching nothing published."""
     print(f"{name}: running aside", flush=True)
-    execution.execute(name, read_params(name), paths.BUILD / "verify" / name)
+    folder, started = paths.BUILD / "verify" / name, time.perf_counter()
+    execution.execute(name, read_params(name), folder)
+    write_json(folder / verified.SECONDS, {"seconds": time.perf_counter() - started})
 
 
 def refresh(name: str) -> None:
@@ -139,7 +142,7 @@ def write_latex() -> None:
     ProjectError : a notebook's results are missing or stale, or lack what a claim needs; the
         claims or the printed values are broken
     """
-    from sngr_utils.publish import latex, verdict_tables  # pandas: two seconds
+    from sngr_utils.publish import appendix, latex, verdict_tables  # pandas: two seconds
 
     claims.check()
     results, timings = [], []
@@ -156,6 +159,8 @@ def write_latex() -> None:
     files["claims_full.tex"] = verdict_tables.whole(judged.read)
     folder = paths.PAPER / "generated"
     folder.mkdir(exist_ok=True)
+    clocks = {key for timing in timings for key in entries(timing)}
+    files["appendix.tex"] = appendix.latex_text(judged.read, results_in(paths.RESULTS), clocks)
     for old in folder.glob("tab_*.tex"):
         if old.name not in files:
             old.unlink()  # a table that no notebook makes any more

@@ -9,17 +9,32 @@ from sngr_utils.publish.freshness import MALFORMED, digest, inputs
 from sngr_utils.publish.links import commit
 from sngr_utils.publish.parameters import read_params
 
+SECONDS = "seconds.json"  # how long a run aside took, beside it
+
 
 def remember() -> None:
-    """Write down that all values hold today, and what each notebook was made from."""
+    """Write down that all values hold today, what each notebook was made from, its minutes."""
     names = notebooks.names()
+    clocks = {name: paths.BUILD / "verify" / name / SECONDS for name in names}
     record = {
         "date": date.today().isoformat(),
         "commit": commit(),
         "values": sum(len(read_json(paths.REFERENCE / f"{name}.json")) for name in names),
         "inputs": {name: digest(inputs(name, read_params(name))) for name in names},
-    }
+        "minutes": {
+            name: round(read_json(path)["seconds"] / 60, 1)
+            for name, path in clocks.items() if path.exists()
+        },
+    }  # fmt: skip
     write_json(paths.VERIFIED, record)
+
+
+def minutes() -> dict[str, float]:
+    """Minutes of each notebook when all were last verified; empty if that never was."""
+    try:
+        return {name: float(took) for name, took in read_json(paths.VERIFIED)["minutes"].items()}
+    except MALFORMED:
+        return {}
 
 
 def last(name: str, hashes: dict[str, str]) -> str:

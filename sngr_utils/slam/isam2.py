@@ -4,6 +4,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
 
+from sngr_utils.slam import indeterminate
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.factors import landmark_prior, odometry_factor, pose_prior, range_factor
 from sngr_utils.slam.landmark_starts import START_AFTER, start_landmark
@@ -17,6 +18,10 @@ def run_isam2(world: World, conventions: Conventions) -> Solution:
     Poses start from the last estimate and the odometry. A landmark is initialised when three
     distinct poses have seen it (or something attached to it): it starts from those three ranges,
     gets its weak prior, and its delayed factors enter the graph.
+
+    Raises
+    ------
+    ValueError : a landmark or pose that the data leave open, with its ranges
 
     Source: Kaess et al., IJRR 31 (2012) 216.
     """
@@ -51,8 +56,9 @@ def run_isam2(world: World, conventions: Conventions) -> Solution:
                 factors.push_back(landmark_prior(k, position, conventions.landmark_prior_sigma))
                 for s, waited in waiting.pop(k):
                     factors.push_back(range_factor(s, k, waited, world.scenario.range_sigma))
-        isam.update(factors, start)
         graph.push_back(factors)
+        with indeterminate.named(graph, estimate):
+            isam.update(factors, start)
         estimate = isam.calculateEstimate()
     return Solution(isam, graph, estimate, world.n_poses, world.n_landmarks)
 

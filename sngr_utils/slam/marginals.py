@@ -4,6 +4,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X
 
+from sngr_utils.slam import indeterminate
 from sngr_utils.slam.solution import Solution
 
 
@@ -11,8 +12,13 @@ def gtsam_marginals(solution: Solution) -> gtsam.Marginals:
     """Marginals of the whole graph, linearised at the MAP estimate.
 
     iSAM2's own marginals are linearised where it last relinearised, so they differ a little.
+
+    Raises
+    ------
+    ValueError : a landmark or pose that the data leave open, with its ranges
     """
-    return gtsam.Marginals(solution.graph, solution.estimate)
+    with indeterminate.named(solution.graph, solution.estimate):
+        return gtsam.Marginals(solution.graph, solution.estimate)
 
 
 def joint_covariance(marginals: gtsam.Marginals, keys: list[int]) -> np.ndarray:

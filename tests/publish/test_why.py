@@ -175,7 +175,12 @@ def test_verified_says_when_and_whether_anything_changed_since(tmp_path):
     with at_home_in(tmp_path):
         hashes = freshness.inputs(NAME, parameters.read_params(NAME))
         assert verified.last(NAME, hashes).startswith("never")
+        aside = paths.BUILD / "verify" / NAME
+        aside.mkdir(parents=True)
+        files.write_json(aside / verified.SECONDS, {"seconds": 90.0})
+        assert verified.minutes() == {}
         verified.remember()
+        assert verified.minutes() == {NAME: 1.5}
         assert files.read_json(paths.VERIFIED)["values"] == 2
         told = verified.last(NAME, hashes)
         assert told.startswith(date.today().isoformat())
@@ -184,3 +189,4 @@ def test_verified_says_when_and_whether_anything_changed_since(tmp_path):
         for spoiled in ("", "null", "[]", '{"date": 1}'):
             paths.VERIFIED.write_text(spoiled)
             assert verified.last(NAME, hashes).startswith("never")
+            assert verified.minutes() == {}
