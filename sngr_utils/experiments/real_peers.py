@@ -1,0 +1,164 @@
+"""Other people's estimators on the Plaza sets, all through one door.
+
+Each is handed the same log: scale, offset and noise found in the other set (`real_online`), and
+landmarks that start at the best cell of a grid over all ranges, which is more than an incremental
+one could know.
+"""
+
+from collections.abc import Callable
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import D, L, X
+
+from sngr_utils.experiments import estimators, real_data, real_online
+from sngr_utils.files import plaza
+from sngr_utils.metrics.alignment import aligned_errors
+from sngr_utils.robust import losses
+from sngr_utils.slam.conventions import Conventions
+from sngr_utils.slam.factors import landmark_prior, pose_prior, range_factor
+from sngr_utils.slam.landmark_starts import start_landmarks
+from sngr_utils.slam.range_density import OUTLIER_SHARE
+from sngr_utils.slam.solution import poses_of, values_of
+from sngr_utils.world.dead_reckoning import dead_reckoning
+from sngr_utils.world.log import Log
+
+COMPILED = (
+    "least_squares", "huber", "cauchy", "dcs", "geman_mcclure", "gnc_tls", "gnc_gm", "switchable",
+    "max_mixture_null", "max_mixture_all", "em",
+)  # fmt: skip
+DIVERGED = 1e4  # m: farther off is no number
+WIDE = 100.0  # m, of a prior on a landmark: as far as the radios reach
+
+
+def cells(seeds: range) -> list[tuple]:
+    """Arguments of `run` for the whole study, the first seed first."""
+    levels = [(0.0, seeds[0]), *((p, seed) for seed in seeds for p in (0.2, 0.4, 0.6))]
+    return [(name, p, seed) for p, seed in levels for name in real_data.SETS]
+
+
+def run(name: str, p: float, seed: int) -> list[dict]:
+    """Every peer on a Plaza set, labels wrong with probability p."""
+    other = next(one for one in real_data.SETS if one != name)
+    rng = np.random.default_rng(seed)
+    log, truth = real_data.changed(plaza.read(plaza.wheel(name)), "labels", p, rng=rng)
+    log = real_online.calibrated(log, real_online.found_in(other))
+    poses = dead_reckoning(log.x0_mean, log.odometry)
+    start = poses, start_landmarks(log, poses, "grid")
+    rows = []
+    for method, solve in peers().items():
+        found = solve(log, start)
+        errors = aligned_errors(found[:, :2], truth.poses[:, :2])
+        rmse = float(np.sqrt(np.sum(errors**2, axis=1).mean()))
+        rows.append({
+            "set": name, "p": p, "seed": seed, "method": method,
+            "rmse": rmse if rmse < DIVERGED else float("nan"),
+        })  # fmt: skip
+    return rows
+
+
+def peers() -> dict[str, Callable[[Log, losses.Estimate], np.ndarray]]:
+    """(T, 3) poses of each method from a log and a start."""
+    wide = Conventions(landmark_prior_sigma=WIDE)
+
+    def compiled(method: str) -> Callable:
+        return lambda log, start: estimators.batch(log, wide, method, start).poses
+
+    schedules = {"linear": gtsam.GncScheduler.Linear, "superlinear": gtsam.GncScheduler.SuperLinear}
+    return {
+        **{method: compiled(method) for method in COMPILED},
+        **{f"gnc_tls_{name}": lambda log, start, s=s: gnc(log, start, s)
+           for name, s in schedules.items()},
+        "isam2": isam2,
+        "dcsam": dcsam,
+    }  # fmt: skip
+
+
+def gnc(log: Log, start: losses.Estimate, schedule: gtsam.GncScheduler) -> np.ndarray:
+    """GTSAM's truncated least squares by graduated non-convexity, under one of its schedules."""
+    graph = gtsam.NonlinearFactorGraph()
+    for t in range(log.n_poses):
+        graph.push_back(_step(log, t, start[1])[0])
+    n_sure = graph.size()
+    for m, t in enumerate(log.pose_of):
+        graph.push_back(range_factor(int(t), *_range(log, m)))
+    params = gtsam.GncLMParams(gtsam.LevenbergMarquardtParams.CeresDefaults())
+    params.setLossType(gtsam.GncLossType.TLS)
+    params.setScheduler(schedule)
+    params.setKnownInliers(list(range(n_sure)))
+    optimizer = gtsam.GncLMOptimizer(graph, values_of(*start), params)
+    optimizer.setInlierCostThresholds(losses.GNC_SQUARED / 2)
+    return poses_of(optimizer.optimize(), log.n_poses)
+
+
+def isam2(log: Log, start: losses.Estimate) -> np.ndarray:
+    """iSAM2 with its own defaults, an update for each pose."""
+    isam = gtsam.ISAM2(gtsam.ISAM2Params())
+    for t in range(log.n_poses):
+        graph, values = _step(log, t, start[1])
+        if t:
+            last = isam.calculateEstimatePose2(X(t - 1))
+            values.insert(X(t), last.compose(gtsam.Pose2(*log.odometry[t - 1])))
+        for m in np.flatnonzero(log.pose_of == t):
+            graph.push_back(range_factor(t, *_range(log, m)))
+        isam.update(graph, values)
+    return poses_of(isam.calculateEstimate(), log.n_poses)
+
+
+def dcsam(log: Log, start: losses.Estimate) -> np.ndarray:
+    """GTSAM's DC-SAM: each range is right, or from nothing, in turn with the rest.
+
+    Source: Doherty, Lu, Singh, Leonard, Robotics and Automation Letters 7, 2022.
+    """
+    solver, newest = gtsam.DCSAM(), gtsam.Pose2(*log.x0_mean)
+    null = _sigma(1, float(np.sqrt(2) * np.std(log.ranges)))  # as `max_mixtures.choose_null`
+    for t in range(log.n_poses):
+        factors, values = _step(log, t, start[1])
+        graph, choices = gtsam.HybridNonlinearFactorGraph(), gtsam.DiscreteValues()
+        for i in range(factors.size()):
+            graph.push_back(factors.at(i))
+        if t:
+            newest = newest.compose(gtsam.Pose2(*log.odometry[t - 1]))
+            values.insert(X(t), newest)
+        for m in np.flatnonzero(log.pose_of == t):
+            graph.push_back(_doubted(t, int(m), _range(log, m), null))
+            choices[D(int(m))] = 0
+        solver.update(graph, gtsam.HybridValues(choices, values))
+        newest = solver.calculateEstimate().atPose2(X(t))
+    return poses_of(solver.calculateEstimate().nonlinear(), log.n_poses)
+
+
+def _doubted(t: int, m: int, given: tuple, null) -> gtsam.HybridNonlinearFactor:
+    """A range that is right, or from nothing."""
+    k, distance, sigma = given
+    right = _sigma(1, sigma)
+    pairs = [
+        (gtsam.RangeFactor2D(X(t), L(k), distance, noise), noise.negLogConstant() - np.log(share))
+        for noise, share in ((right, 1 - OUTLIER_SHARE), (null, OUTLIER_SHARE))
+    ]
+    return gtsam.HybridNonlinearFactor((D(m), 2), pairs)
+
+
+def _step(log: Log, t: int, landmarks: np.ndarray):
+    """Factors that cannot be outliers of pose t, and start values of what is new but the pose."""
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    if t:
+        noise = gtsam.noiseModel.Gaussian.Covariance(log.odometry_covariances[t - 1])
+        motion = gtsam.Pose2(*log.odometry[t - 1])
+        graph.push_back(gtsam.BetweenFactorPose2(X(t - 1), X(t), motion, noise))
+        return graph, values
+    graph.push_back(pose_prior(log.x0_mean, list(log.x0_sigmas)))
+    values.insert(X(0), gtsam.Pose2(*log.x0_mean))
+    for k, place in enumerate(landmarks):
+        graph.push_back(landmark_prior(k, place, WIDE))
+        values.insert(L(k), place)
+    return graph, values
+
+
+def _range(log: Log, m: int) -> tuple[int, float, float]:
+    """Landmark by its label, distance and sigma of a range."""
+    return int(log.label_of[m]), float(log.ranges[m]), float(log.range_sigmas[m])
+
+
+def _sigma(size: int, sigma: float):
+    return gtsam.noiseModel.Isotropic.Sigma(size, sigma)
