@@ -27,6 +27,7 @@ VARIANTS = {
     "no nested sampling": {"nested": False},
     "landmarks as in the paper": {"delayed": False},
 }
+PROVOKED = ("clutter", "shuffled", "stretched", "cut")  # kinds of `real_data`
 ASKED = (
     "landmark questions", "mirror waits", "landmark samples", "position questions",
     "position samples", "batch restarts", "slips",
@@ -34,15 +35,14 @@ ASKED = (
 
 
 def cells(seeds: range) -> list[tuple]:
-    """Arguments of `run` for the whole study, the first seed first."""
-    levels = [("labels", 0.0, seeds[0])]
-    levels += [("labels", p, seed) for seed in seeds for p in (0.2, 0.4, 0.6)]
-    whole = [(name, *level, "online") for level in levels for name in real_data.SETS]
-    others = [
+    """Arguments of `run` for the whole study, the first seed with all that is done once first."""
+    first, *others = ([("labels", p, seed, "online") for p in (0.4, 0.2, 0.6)] for seed in seeds)
+    once = [
+        ("labels", 0.0, seeds[0], "online"),
         *(("labels", 0.4, seeds[0], variant) for variant in VARIANTS if variant != "online"),
-        *((kind, 0.0, seeds[0], "online") for kind in real_data.KINDS if kind != "labels"),
+        *((kind, 0.0, seeds[0], "online") for kind in PROVOKED),
     ]
-    return whole + [(name, *other) for other in others for name in real_data.SETS]
+    return [(name, *cell) for cell in sum(others, first + once) for name in real_data.SETS]
 
 
 def run(name: str, kind: str, p: float, seed: int, variant: str) -> list[dict]:
