@@ -76,7 +76,7 @@ def found_in(name: str) -> dict:
 
 
 def calibrated(name: str) -> Log:
-    """The log of a Plaza set, corrected by what was found in the other one."""
+    """The log of a Plaza set, its ranges corrected by what was found in the other one."""
     from sngr_utils.experiments import real_online
 
     return real_online.calibrated(recording(name).log, found_in(OTHER[name]))
@@ -89,10 +89,10 @@ def scale_profile(config: Config, name: str) -> tuple[np.ndarray, np.ndarray]:
     """
     import numpy as np
 
-    from sngr_utils.experiments import real_online, real_stretch
+    from sngr_utils.experiments import real_stretch
 
     found = found_in(name)
-    log = real_online.calibrated(recording(name).log, {**found, "scale": 1.0, "offset": 0.0})
+    log = real_stretch.with_noise(recording(name).log, found)
     scales = np.linspace(config.scale_low, config.scale_high, config.n_scales)
     return scales, real_stretch.costs_of_scales(log, scales, found["offset"])
 

@@ -1,7 +1,8 @@
 """The online estimator on the Plaza sets, with its parts and without some of them.
 
-Scale, offset and noise are handed to it, found without truth in the *other* set: the same mower
-and the same radios on another day. So nothing of a drive is used before it has happened.
+What the radios are like, scale, offset and noise, is handed to it as found without truth in the
+*other* set: the same radios on another day. How the odometry errs differs between the sets, and is
+found in the first poses of the drive itself, with its wrong labels.
 """
 
 import functools
@@ -27,6 +28,7 @@ VARIANTS = {
     "no nested sampling": {"nested": False},
     "landmarks as in the paper": {"delayed": False},
 }
+WARM_UP = 400  # poses, three minutes and a half or less
 PROVOKED = ("clutter", "shuffled", "stretched", "cut")  # kinds of `real_data`
 ASKED = (
     "landmark questions", "mirror waits", "landmark samples", "position questions",
@@ -66,28 +68,29 @@ def run(name: str, kind: str, p: float, seed: int, variant: str) -> list[dict]:
 
 @functools.cache
 def found_in(name: str) -> dict[str, float]:
-    """Scale, offset and noise of a Plaza set with its own labels, as `real_data.judged` has it."""
+    """What a Plaza set with its own labels shows, as a row of `real_data.run_plaza`."""
     recording = plaza.read(plaza.wheel(name))
     grown = growing_map.estimate(recording.log)
     return real_data.judged(grown, recording.log, recording.truth, True)
 
 
 def calibrated(log: Log, found: dict[str, float]) -> Log:
-    """A log with ranges corrected by a known scale and offset, and with known noise.
+    """A log with corrected ranges, and with the noise that its first poses show.
 
     Parameters
     ----------
-    found : as a row of `real_data.run_plaza`: scale, offset, range_sigma, odometry sigmas
+    found : as a row of `real_data.run_plaza`: scale, offset, range_sigma
     """
-    sigmas = np.array([found[name.replace(" ", "_")] for name in SOURCES])
-    return replace(
+    log = replace(
         log,
-        odometry_covariances=np.einsum("c,ctij->tij", sigmas**2, shapes(log.odometry)),
         ranges=(log.ranges - found["offset"]) / found["scale"],
         range_sigmas=found["range_sigma"] / found["scale"],
         scale=(1.0, 0.0),
         offset=(0.0, 0.0),
     )
+    noise = growing_map.estimate(log.first(WARM_UP)).noise.sigmas
+    variances = np.array([noise[name] for name in SOURCES]) ** 2
+    return log.with_covariances(np.einsum("c,ctij->tij", variances, shapes(log.odometry)))
 
 
 def judged(found: estimator.OnlineEstimate, truth: Truth) -> dict:

@@ -2,7 +2,7 @@
 
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from sngr_utils.robust import losses
 from sngr_utils.settings import READING
 from sngr_utils.slam.conventions import PRESETS, Conventions
 from sngr_utils.slam.landmark_starts import start_landmarks
+from sngr_utils.slam.noise_estimation import SOURCES, shapes
 from sngr_utils.world.dead_reckoning import dead_reckoning, dead_reckoning_variances
 from sngr_utils.world.log import Log
 
@@ -58,6 +59,13 @@ def drive(log: Log, *, rng: np.random.Generator) -> tuple[estimator.OnlineEstima
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoubtWarning)  # who reads the result sees its diagnosis
         return online.result(), np.diff(clock)
+
+
+def with_noise(log: Log, found: Mapping[str, float]) -> Log:
+    """A log with range_sigma and the sigmas of odometry of a row of `real_data.run_plaza`."""
+    variances = np.array([found[name.replace(" ", "_")] for name in SOURCES]) ** 2
+    told = np.einsum("c,ctij->tij", variances, shapes(log.odometry))
+    return replace(log, range_sigmas=found["range_sigma"], odometry_covariances=told)
 
 
 def costs_of_scales(log: Log, scales: Sequence[float], offset: float) -> np.ndarray:
