@@ -115,11 +115,11 @@ def _from(
         solution = isam2.run_isam2(the_world, conventions)
         covariances = marginals.position_covariances(solution, "world")
         return Estimate(solution.poses, solution.landmarks, covariances)
-    found = _batch(the_world.log(conventions.x0_sigmas), conventions, method, start)
+    found = batch(the_world.log(conventions.x0_sigmas), conventions, method, start)
     return Estimate(found.poses, found.landmarks, found.position_covariances)
 
 
-def _batch(
+def batch(
     log: Log, conventions: Conventions, method: str, start: losses.Estimate
 ) -> em.SoftEstimate | chain_solver.Estimate:
     """What a method that takes all data at once makes of a log."""

@@ -21,6 +21,7 @@ from sngr_utils.world.log import NO_LABEL, Log
 from sngr_utils.world.truth import Truth
 from sngr_utils.world.wrong_associations import wrong_associations
 
+SETS = ("Plaza2", "Plaza1")
 BATCH = ("least_squares", "huber", "cauchy")
 FAR = 5.0  # m, a held-out error that is told apart
 CLUTTER, STRETCHED = 0.6, 1.2  # provoked: share of ranges from nothing, factor on all ranges
@@ -29,10 +30,10 @@ KINDS = ("labels", "no labels", "clutter", "shuffled", "stretched", "cut")
 
 
 def plaza_cells(seeds: range) -> list[tuple]:
-    """Arguments of `run_plaza` for the whole study."""
-    wrong = [("labels", p, seed) for p in (0.2, 0.4, 0.6) for seed in seeds]
+    """Arguments of `run_plaza` for the whole study, the first seed first."""
     once = [(kind, 0.0, seeds[0]) for kind in KINDS]
-    return [(name, *cell) for name in ("Plaza2", "Plaza1") for cell in once + wrong]
+    wrong = [("labels", p, seed) for seed in seeds for p in (0.2, 0.4, 0.6)]
+    return [(name, *cell) for cell in once + wrong for name in SETS]
 
 
 def run_plaza(name: str, kind: str, p: float, seed: int) -> list[dict]:
@@ -128,7 +129,7 @@ def judged(grown: GrownMap, log: Log, truth: Truth, named: bool) -> dict:
     right = used & (credited == truth.source_of)
     heard = np.unique(log.pose_of)
     errors = aligned_errors(soft.poses[heard, :2], truth.poses[heard, :2])
-    scale = _calibration(grown)
+    calibration, sigmas = _calibration(grown)
     return {
         **_path_errors(log, truth, soft.poses),
         "nees": _aligned_nees(grown, heard, errors, truth),
@@ -136,8 +137,9 @@ def judged(grown: GrownMap, log: Log, truth: Truth, named: bool) -> dict:
         "recall": float(right.sum() / np.count_nonzero(truth.source_of != NO_LABEL)),
         "share_wrong": soft.shares.wrong,
         "clutter": soft.shares.clutter,
-        "scale": scale[0],
-        "scale_sigma": scale[1],
+        "scale": calibration[0],
+        "scale_sigma": sigmas[0],
+        "offset": calibration[1],
         "range_sigma": float(np.median(noise.log.range_sigmas)),
         **{name.replace(" ", "_"): value for name, value in noise.sigmas.items()},
         "unexplained": grown.unexplained,
@@ -145,10 +147,10 @@ def judged(grown: GrownMap, log: Log, truth: Truth, named: bool) -> dict:
     }
 
 
-def _calibration(grown: GrownMap) -> tuple[float, float]:
-    """Range scale and its sigma."""
+def _calibration(grown: GrownMap) -> tuple[list[float], list[float]]:
+    """Range scale and offset [m], and their sigmas."""
     covariance = grown.noise.estimate.calibration_covariance
-    return float(grown.soft.calibration[0]), float(np.sqrt(covariance[0, 0]))
+    return grown.soft.calibration.tolist(), np.sqrt(np.diagonal(covariance)).tolist()
 
 
 def _aligned_nees(grown: GrownMap, heard: np.ndarray, errors: np.ndarray, truth: Truth) -> float:

@@ -16,13 +16,21 @@ import numpy as np
 import pandas as pd
 
 from sngr_utils import paths
-from sngr_utils.experiments import every_world, isam2_over_worlds, real_data, row_store
+from sngr_utils.experiments import (
+    every_world,
+    isam2_over_worlds,
+    real_data,
+    real_online,
+    real_peers,
+    row_store,
+)
 from sngr_utils.experiments.many_worlds import map_worlds
 from sngr_utils.settings import READING
 from sngr_utils.slam.conventions import PRESETS
 from sngr_utils.world.scenario import Scenario
 
 FOLDER = paths.PAPER / "studies"
+PLAZA = range(7000, 7005)  # seeds of wrong labels
 SHARE, FEWEST = 0.02, 5  # of the cells that are run again, and how many at least
 
 
@@ -49,7 +57,11 @@ STUDIES = {
         [(Scenario(), PRESETS[READING], 0.2, seed) for seed in range(7000, 8000)],
     ),
     # the Plaza sets: labels right, wrong, none, and failures provoked
-    "plaza": Study(real_data.run_plaza, real_data.plaza_cells(range(7000, 7005)), within=1e-3),
+    "plaza": Study(real_data.run_plaza, real_data.plaza_cells(PLAZA), within=1e-3),
+    # the same pose by pose, calibrated in the other set
+    "plaza_online": Study(real_online.run, real_online.cells(PLAZA), within=1e-3),
+    # and other people's estimators on it
+    "plaza_peers": Study(real_peers.run, real_peers.cells(PLAZA), within=1e-3),
     # GOATS, by ranges held out
     "goats": Study(real_data.run_goats, [(15,), (16,)], within=1e-3),
     # the online estimator in worlds of every kind, 30 of each

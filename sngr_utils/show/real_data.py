@@ -1,0 +1,251 @@
+"""The tables and figures of notebook 10."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from sngr_utils.metrics.alignment import rigid
+from sngr_utils.publish import cells
+from sngr_utils.show import style
+from sngr_utils.show.common import legend_above
+from sngr_utils.show.methods import METHODS, Method, shown
+
+if TYPE_CHECKING:
+    from sngr_utils.real_data import Stretch
+
+SETS = ("Plaza1", "Plaza2")
+GROWN = Method("ours, batch", style.SAMPLES, "-", "o", 1.6)
+ONLINE = Method("ours, online", style.SAMPLES, "--", None, 1.6)
+DRAWN = ("least_squares", "huber", "cauchy", "gnc_tls", "max_mixture_all")
+NAMES = {"growing_map": GROWN.name, "online": ONLINE.name, "isam": "iSAM",
+         "gnc_tls_superlinear": "GNC-TLS, superlinear"}  # fmt: skip
+KINDS = {
+    "no labels": "no labels", "shuffled": "labels shuffled", "clutter": "60 % clutter",
+    "stretched": "ranges 20 % too long", "cut": "half of the odometry lost",
+}  # fmt: skip
+
+
+def name_of(method: str) -> str:
+    """What a method of the real-data studies is called."""
+    return NAMES.get(method) or shown(method)
+
+
+# --- figures --------------------------------------------------------------------------------
+
+
+def draw_paths(ax: Axes, truth: np.ndarray, paths: Mapping[str, np.ndarray]) -> None:
+    """A true path (T, 2) and estimates of it, aligned: name -> (T, 2), [m]."""
+    ax.plot(*truth.T, color=style.TRUTH, lw=0.6, label="GPS")
+    colours = (style.TRIGGERED, style.ESTIMATE, style.SAMPLES)
+    for (name, path), colour in zip(paths.items(), colours, strict=False):
+        ax.plot(*aligned(path, truth).T, color=colour, lw=0.7, label=name)
+    _metres(ax)
+
+
+def draw_scale(
+    ax: Axes, scales: np.ndarray, costs: np.ndarray, found: Mapping, true: float
+) -> None:
+    """Cost of a drive over the range scale, with what was found and what the GPS says."""
+    ax.plot(scales, costs - costs.min(), "o-", color=style.ESTIMATE, label="least cost")
+    low, high = (found["scale"] + sign * found["scale_sigma"] for sign in (-2, 2))
+    ax.axvspan(low, high, color=style.SAMPLES, alpha=0.25, lw=0, label="found, ± 2 σ")
+    ax.axvline(true, color=style.TRUTH, ls="--", lw=0.8, label="by GPS")
+    ax.set(xlabel="range scale", ylabel="cost above the least [nats]", title=found["set"])
+
+
+def draw_map(
+    ax: Axes, truth: np.ndarray, radios: np.ndarray, path: np.ndarray, places: np.ndarray
+) -> None:
+    """An estimated path (T, 2) and radios (K, 2) over the true ones, aligned by the path, [m]."""
+    rotation, shift = rigid(path, truth)
+    ax.plot(*truth.T, color=style.TRUTH, lw=0.6, label="GPS")
+    ax.plot(*(path @ rotation.T + shift).T, color=style.ESTIMATE, lw=0.8, label="estimate")
+    ax.plot(*radios.T, "+", color=style.TRUTH, ms=8, label="radios")
+    ax.plot(
+        *(places @ rotation.T + shift).T, "*", color=style.LANDMARK, ms=5, label="radios, found"
+    )
+    _metres(ax)
+    legend_above(ax, ncols=2)
+
+
+def draw_gaps(ax: Axes, gaps: pd.DataFrame) -> None:
+    """How much less likely the second-best map is (column gap, [nats]), over poses driven."""
+    for (name, rows), colour in zip(gaps.groupby("set"), style.SEQUENCE[1:], strict=False):
+        ax.plot(rows["poses"], rows["gap"], "o-", color=colour, label=name)
+    ax.axhline(3, color=style.TRIGGERED, lw=0.6, ls=":", label="3 nats: 1 in 20")
+    ax.set_yscale("symlog", linthresh=1)
+    ax.set(xlabel="poses driven", ylabel="second-best map worse by [nats]")
+    legend_above(ax)
+
+
+def draw_mirrors(ax: Axes, name: str, gaps: pd.DataFrame) -> None:
+    """How much worse the mirror image of each radio is, [nats], over poses driven."""
+    for (radio, rows), colour in zip(gaps.groupby("radio"), style.SEQUENCE, strict=False):
+        gap = rows["gap"].replace(np.inf, np.nan)  # no second place, and nothing to draw
+        ax.plot(rows["poses"], gap, color=colour, label=f"radio {radio + 1}")
+    ax.set_yscale("symlog", linthresh=1)
+    ax.set(xlabel="poses driven", ylabel="mirror image worse by [nats]", title=name)
+
+
+def draw_levels(axes: Sequence[Axes], rows: pd.DataFrame, ours: Mapping[str, pd.DataFrame]) -> None:
+    """Median aligned RMSE over the share of wrong labels, a panel for each set.
+
+    Parameters
+    ----------
+    rows : of peers: set, method, p, rmse
+    ours : of ours, by "growing_map" and "online": set, p, rmse
+    """
+    for ax, name in zip(axes, SETS, strict=True):
+        lines = {key: (METHODS[key], rows[rows["method"] == key]) for key in DRAWN}
+        lines |= {"growing_map": (GROWN, ours["growing_map"]), "online": (ONLINE, ours["online"])}
+        for look, table in lines.values():
+            level = table[table["set"] == name].groupby("p")["rmse"].median()
+            ax.plot(level.index, level, look.dash, marker=look.marker, color=look.colour,
+                    lw=look.width, label=look.name)  # fmt: skip
+        ax.set_yscale("log")
+        ax.set(xlabel=style.WRONG_LABEL, ylabel="aligned RMSE [m]", title=name)
+
+
+def aligned(path: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """A path (T, 2) moved and turned onto the truth, [m]."""
+    rotation, shift = rigid(path, truth)
+    return path @ rotation.T + shift
+
+
+def _metres(ax: Axes) -> None:
+    ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+
+
+# --- tables ---------------------------------------------------------------------------------
+
+
+def level_table(rows: pd.DataFrame, column: str = "rmse", fmt: str = ".2f") -> pd.DataFrame:
+    """Median over seeds of a column, a row for each method and a column for each set and p."""
+    found = []
+    for method, mine in rows.groupby("method", sort=False):
+        cols = [mine[(mine["set"] == s) & (mine["p"] == p)][column] for s, p in _heads(rows)]
+        values = [float(c.median()) if len(c) else None for c in cols]
+        found.append([name_of(method), *(cells.number(value, fmt) for value in values)])
+    heads = [f"{name}, p = {p:g}" for name, p in _heads(rows)]
+    return pd.DataFrame(found, columns=["method", *heads])
+
+
+def _heads(rows: pd.DataFrame) -> list[tuple[str, float]]:
+    return [(name, p) for name in SETS for p in sorted(rows["p"].unique())]
+
+
+def whole_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """What the batch estimate is worth: a row for each set and p, medians over seeds."""
+    columns = {"rmse": "RMSE [m]", "nees": "NEES", "precision": "right", "share_wrong": "p found"}
+    found = [
+        [name, cells.number(p, ".1f"), len(mine), *(
+            cells.number(float(mine[key].median()), ".3f" if key == "rmse" else ".2f")
+            for key in columns
+        )]
+        for (name, p), mine in rows.groupby(["set", "p"])
+    ]  # fmt: skip
+    return pd.DataFrame(found, columns=["set", "p", "seeds", *columns.values()])
+
+
+def scale_table(found: Sequence[Mapping], true: Mapping[str, float]) -> pd.DataFrame:
+    """Range scale found without the truth, beside what ranges and GPS give together."""
+    rows = [
+        [f["set"], cells.with_error(f["scale"], f["scale_sigma"], ".4f"),
+         cells.number(true[f["set"]], ".4f"),
+         cells.number((f["scale"] - true[f["set"]]) / f["scale_sigma"], "+.1f"),
+         cells.number(f["range_sigma"], ".2f")]
+        for f in found
+    ]  # fmt: skip
+    heads = ["set", "scale found", "by GPS", "apart [σ]", "σ of a range found [m]"]
+    return pd.DataFrame(rows, columns=heads)
+
+
+def provoked_table(batch: pd.DataFrame, online: pd.DataFrame) -> pd.DataFrame:
+    """Runs without labels and with failures provoked: error, and whether they doubt themselves."""
+    rows = []
+    for kind, told in KINDS.items():
+        for name in SETS:
+            row = [told, name]
+            for table, key in ((batch, "rmse"), (online, "final")):
+                mine = table[(table["kind"] == kind) & (table["set"] == name)]
+                row += _error_and_doubt(mine, key)
+            rows.append(row)
+    heads = ["what is done", "set", "batch [m]", "doubts itself", "online [m]", "doubts itself "]
+    return pd.DataFrame(rows, columns=heads)
+
+
+def _error_and_doubt(rows: pd.DataFrame, key: str) -> list:
+    if not len(rows):
+        return [cells.NONE, cells.NONE]
+    return [cells.number(float(rows[key].iloc[0])), "yes" if rows["doubtful"].iloc[0] else "no"]
+
+
+def online_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Online: final and filtered error, and associations; medians over seeds."""
+    columns = {"final": "final [m]", "filtered": "filtered [m]", "used": "used", "right": "right"}
+    found = [
+        [name, cells.number(p, ".1f"), len(mine), *(
+            cells.number(float(mine[key].median()), ".3f") for key in columns
+        ), f"{int(mine['doubtful'].sum())} of {len(mine)}"]
+        for (name, p), mine in rows.groupby(["set", "p"])
+    ]  # fmt: skip
+    return pd.DataFrame(found, columns=["set", "p", "seeds", *columns.values(), "doubtful"])
+
+
+def asked_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Who was asked how often on a whole drive, and what it costs to ask nobody."""
+    columns = {
+        "mirror_waits": "waits by mirror test", "landmark_questions": "many starts",
+        "landmark_samples": "nested sampling", "position_questions": "where am I?",
+    }  # fmt: skip
+    found = [
+        [name_of(method), name, *(int(mine[key].iloc[0]) for key in columns),
+         cells.number(float(mine["final"].iloc[0]), ".3f")]
+        for (method, name), mine in rows.groupby(["method", "set"], sort=False)
+    ]  # fmt: skip
+    return pd.DataFrame(found, columns=["variant", "set", *columns.values(), "final [m]"])
+
+
+def goats_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Ranges held out, which nothing has seen."""
+    columns = {"median": "median [m]", "ninth_decile": "nine tenths [m]", "beacons_rmse":
+               "beacons from survey [m]"}  # fmt: skip
+    found = [
+        [row["set"], int(row["held_out"]), *(cells.number(row[key], ".1f") for key in columns)]
+        for _, row in rows.iterrows()
+    ]
+    return pd.DataFrame(found, columns=["dive", "held out", *columns.values()])
+
+
+def stretch_table(stretch: Stretch, rmse: Mapping[str, float]) -> pd.DataFrame:
+    """What the run here is worth: quantity and value."""
+    used = stretch.found.used >= 0
+    right = (stretch.found.used == stretch.sources)[used]
+    rows = [[f"aligned RMSE, {name} [m]", cells.number(value)] for name, value in rmse.items()]
+    rows += [
+        ["share of ranges used", cells.number(float(used.mean()), ".3f")],
+        ["of these credited rightly", cells.number(float(right.mean()), ".3f")],
+        ["share of wrong labels, found", cells.number(stretch.found.p)],
+        ["nested sampling asked", int(stretch.found.counts["landmark samples"]
+                                      + stretch.found.counts["position samples"])],
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=["quantity", "value"])
+
+
+def time_table(seconds: np.ndarray) -> pd.DataFrame:
+    """CPU time of a step, in thirds of the stretch, [ms]."""
+    thirds = np.array_split(1e3 * seconds, 3)
+    rows = [
+        [
+            name,
+            cells.number(float(np.median(third)), ".1f"),
+            cells.number(float(third.max()), ".0f"),
+        ]
+        for name, third in zip(("first", "second", "last"), thirds, strict=True)
+    ]
+    return pd.DataFrame(rows, columns=["third", "median [ms]", "longest [ms]"])
