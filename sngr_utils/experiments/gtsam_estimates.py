@@ -104,7 +104,8 @@ def fit(
         values = values_of(poses, landmarks)
         found = gtsam.LevenbergMarquardtOptimizer(factors, values, params).optimize()
         poses, landmarks = poses_of(found, log.n_poses), landmarks_of(found, log.n_landmarks)
-        if width == 1.0 and np.abs(poses - before)[:, :2].max() < em.SETTLED:
+        moved = np.abs(poses - before)[:, :2].max()
+        if width == 1.0 and moved < em.SETTLED * np.median(log.range_sigmas):
             break
         width = max(1.0, em.COOLING * width)
     return poses, landmarks

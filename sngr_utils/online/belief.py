@@ -115,9 +115,9 @@ class Belief:
         self.slipped = np.append(self.slipped, False)
         self.longest = max(self.longest, float(new.ranges.max(initial=0.0)))
 
-    def move_newest(self, position: np.ndarray, since: int, used: np.ndarray) -> None:
-        """The predicted pose elsewhere, [m], with those from pose `since` on; ranges credited."""
-        self.poses[since:, :2] += position - self.poses[-1, :2]
+    def move_newest(self, poses: np.ndarray, used: np.ndarray) -> None:
+        """The last poses elsewhere, (N, 3) [m, m, rad], and all ranges credited so."""
+        self.poses[-len(poses) :] = poses
         self.credit = Credit(used, self.credit.weights)
 
     def distrust(self, steps: np.ndarray, turned: bool) -> None:
@@ -179,19 +179,19 @@ class Belief:
         found = mirror_image.mirror_test(
             anchors, self.log.ranges[mine], self.log.range_sigmas[mine] ** 2, self.landmarks[k]
         )
-        here = self.landmarks[k]
-        far = max((found.image, found.landmark), key=lambda place: np.linalg.norm(place - here))
-        ends = []
-        for spot in (here, far):
-            landmarks = self.landmarks.copy()
-            landmarks[k] = spot
-            chain = self._chain(self.log, self.poses, landmarks, self.credit.used, self.n_left)
-            at = chain_solver.state_of(chain, self.poses, landmarks)
-            ends.append(window.minimise(chain, self.past, at))
-        here, there = ends
-        same = np.linalg.norm(here[0].landmarks[k] - there[0].landmarks[k])
-        gap = there[1] - here[1] if same > self.log.range_sigmas[mine].min() else np.inf
-        return gap, information.poses_of(there[0].frames), there[0].landmarks
+        here, there = self.landmarks[k], self.landmarks.copy()
+        there[k] = max((found.image, found.landmark), key=lambda p: np.linalg.norm(p - here))
+        ours, _, landmarks = self.settled(self.landmarks)
+        theirs, image_poses, image = self.settled(there)
+        apart = np.linalg.norm(landmarks[k] - image[k]) > self.log.range_sigmas[mine].min()
+        return theirs - ours if apart else np.inf, image_poses, image
+
+    def settled(self, landmarks: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        """Cost [nats], (W, 3) poses and (K, 2) landmarks at the minimum from other landmarks."""
+        chain = self._chain(self.log, self.poses, landmarks, self.credit.used, self.n_left)
+        at = chain_solver.state_of(chain, self.poses, landmarks)
+        at, least = window.minimise(chain, self.past, at)
+        return least, information.poses_of(at.frames), at.landmarks
 
     def _chain(self, log: Log, poses, landmarks, used: np.ndarray, start: int) -> Chain:
         """The problem of a part of the log that begins at pose `start`."""

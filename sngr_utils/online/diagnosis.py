@@ -10,9 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from sngr_utils.robust import association
+from sngr_utils.robust.em import SoftEstimate
 from sngr_utils.world.dead_reckoning import relative_motion, wrap_angle
 from sngr_utils.world.log import Log
 
+MEDIAN = stats.chi2.ppf(0.5, 1)  # of a squared normalised innovation
 RUN = 3  # consecutive poses whose ranges are looked at together
 
 # Set so that one sound estimate in a hundred is outside, on 250 worlds of all kinds of
@@ -37,12 +40,12 @@ class Diagnosis:
 
     Attributes
     ----------
-    unexplained : share of the ranges that is credited to no landmark
+    unexplained : share of the ranges that is assigned to no landmark
     worst_run : p-value of the run of `RUN` poses with the most of them, for as many runs as there
         are, if they were spread evenly
-    surprise : mean squared normalised innovation of credited ranges of the last third of the
-        poses, predicted before they were used; 1 if all is as it should be
-    residual : mean squared normalised residual of what is credited, per degree of freedom
+    surprise : median squared normalised innovation of assigned ranges of the last third of the
+        poses, predicted before they were used, over that of a chi-square; 1 if all is well
+    residual : mean squared normalised residual of what is assigned, per degree of freedom
     odometry : the same of trusted steps, squared error over its covariance, 3 degrees each
     worst_step : squared normalised error of the worst trusted step
     rival : by how much the best other estimate is less likely, [nats]; infinite if there is none
@@ -58,25 +61,61 @@ class Diagnosis:
     rival: float
 
     @property
-    def reasons(self) -> tuple[str, ...]:
+    def misfits(self) -> tuple[str, ...]:
+        """What of the data the estimate does not explain, in words."""
         tests = {
             f"{self.unexplained:.0%} of the ranges fit nothing":
                 self.unexplained > MOST_UNEXPLAINED,
             f"some poses have too many ranges that fit nothing (p {self.worst_run:.0e})":
                 self.worst_run < RARE_RUN,
-            f"ranges err {self.surprise:.1f} times as predicted": self.surprise > MOST_SURPRISE,
             f"residuals are {self.residual:.1f} times the noise": self.residual > MOST_RESIDUAL,
             f"odometry is missed by {self.odometry:.1f} times its noise":
                 self.odometry > MOST_MISSED,
             f"a step is missed by {self.worst_step**0.5:.1f} sigmas": self.worst_step > WORST_STEP,
+        }  # fmt: skip
+        return tuple(misfit for misfit, holds in tests.items() if holds)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What there is to doubt, in words."""
+        tests = {
+            f"ranges err {self.surprise:.1f} times as predicted": self.surprise > MOST_SURPRISE,
             f"another estimate is less likely by {self.rival:.1f} nats only":
                 self.rival < LEAST_RIVAL,
         }  # fmt: skip
-        return tuple(reason for reason, holds in tests.items() if holds)
+        return self.misfits + tuple(reason for reason, holds in tests.items() if holds)
 
     @property
     def doubtful(self) -> bool:
         return len(self.reasons) > 0
+
+
+def diagnose(
+    log: Log, told: np.ndarray, found: SoftEstimate, predicted: list[np.ndarray], rival: float
+) -> Diagnosis:
+    """What there is to doubt of an estimate.
+
+    Parameters
+    ----------
+    told : (T-1, 3, 3) covariances of the odometry as measured
+    predicted : squared normalised innovations of the assigned ranges of each pose
+    rival : see `Diagnosis`
+    """
+    none = found.weights[:, -1]
+    residuals = association.residuals(log, found.poses, found.landmarks)
+    squared = np.nansum(found.responsibilities * (residuals / log.range_sigmas[:, None]) ** 2)
+    freedom = (1 - none).sum() - 2 * np.isfinite(found.landmarks[:, 0]).sum()
+    recent = np.concatenate([np.empty(0), *predicted[-max(log.n_poses // 3, 1) :]])
+    odometry, worst_step = steps_missed(log, told, found.poses)
+    return Diagnosis(
+        unexplained=float(none.mean()) if len(none) else 0.0,
+        worst_run=worst_run(log, none),
+        surprise=float(np.median(recent) / MEDIAN) if len(recent) else 1.0,
+        residual=float(squared / freedom) if freedom > 0 else 1.0,
+        odometry=odometry,
+        worst_step=worst_step,
+        rival=float(rival),
+    )
 
 
 def worst_run(log: Log, weights_none: np.ndarray) -> float:

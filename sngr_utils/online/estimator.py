@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sngr_utils.online import data_association, diagnosis, slips
+from sngr_utils.online import data_association, diagnosis, rivals, slips
 from sngr_utils.online.belief import LOOSE, PRIOR, WINDOW, Belief, cost
 from sngr_utils.online.data_association import DROPPED
 from sngr_utils.online.diagnosis import Diagnosis, DoubtWarning
@@ -27,9 +27,8 @@ from sngr_utils.online.landmarks import (
 from sngr_utils.robust import association, em, louis_covariance
 from sngr_utils.robust.association import Shares
 from sngr_utils.settings import Checked, Probability
-from sngr_utils.slam import chain_problem, chain_solver, landmark_starts
+from sngr_utils.slam import chain_problem, chain_solver
 from sngr_utils.slam.conventions import Conventions
-from sngr_utils.world.dead_reckoning import dead_reckoning
 from sngr_utils.world.log import Log, Measurements
 
 SWEEPS = 3  # over all ranges, at most, per step
@@ -235,7 +234,7 @@ class Online:
         self.last_batch = belief.n_poses
         log, told, poses, _ = belief.whole()
         least = cost(log, poses, belief.landmarks, belief.shares) - BETTER
-        found = self._rival(log, poses)
+        found = rivals.blind(log, self._fit, poses, belief.landmarks)
         if cost(log, found.poses, found.landmarks, found.shares) >= least:
             return
         belief.counts["batch restarts"] += 1
@@ -249,16 +248,6 @@ class Online:
         loose = self.conventions.model_copy(update={"landmark_prior_sigma": wide})
         exclusive = self.settings.exclusive
         return em.fit(log, loose, start, exclusive=exclusive, clutter=True, widest=widest)
-
-    def _rival(self, log: Log, poses: np.ndarray) -> em.SoftEstimate:
-        """The best estimate by EM from dead reckoning, or from where we are, and a grid."""
-        blind = dead_reckoning(log.x0_mean, log.odometry)
-        fits = []
-        for start, known in ((blind, np.nan), (poses, self.belief.landmarks)):
-            places = landmark_starts.start_landmarks(log, start, "grid")
-            places = np.where(np.isnan(known), places, known)
-            fits.append(self._fit(log, (start, places), em.WIDEST))
-        return min(fits, key=lambda fit: cost(log, fit.poses, fit.landmarks, fit.shares))
 
     def _adopt(self, log: Log, told: np.ndarray, found: em.SoftEstimate) -> None:
         """Believe an estimate of the whole; a landmark that it places from few poses waits."""
@@ -279,21 +268,13 @@ class Online:
     def result(self) -> OnlineEstimate:
         """The estimate, with its uncertainty, and what there is to doubt."""
         belief = self.belief
+        graph_poses = belief.whole()[2]
+        gap = self._stand_against_rivals()
         log, told, poses, used = belief.whole()
-        graph_poses = poses
         ours = self._fit(log, (poses, belief.landmarks), 1.0)
-        rival, gap = self._rival(log, poses), np.inf
-        costs = [cost(log, fit.poses, fit.landmarks, fit.shares) for fit in (ours, rival)]
-        if _differ(log, ours, rival):
-            gap = costs[1] - costs[0]
-            if gap < -BETTER and self.settings.restart:
-                ours, gap = rival, -gap
-                belief.counts["batch restarts"] += 1
-        self._adopt(log, told, ours)
+        landmarks, covariances = ours.landmarks, ours.position_covariances
         if self.settings.soft:
-            ours = self._fit(log, (belief.poses, belief.landmarks), 1.0)
-            poses, landmarks = ours.poses, ours.landmarks
-            covariances = ours.position_covariances
+            poses = ours.poses
         else:
             poses, landmarks = graph_poses, belief.landmarks
             chain = chain_problem.of_log(log, landmarks, LOOSE * belief.longest)
@@ -301,7 +282,6 @@ class Online:
                 chain, chain_solver.state_of(chain, poses, landmarks),
                 np.eye(log.n_landmarks + 1)[used],
             )  # fmt: skip
-        used = belief.credit.used
         wrong = ours.shares.wrong if self.settings.p is None else self.settings.p
         blocks = belief.covariance().landmarks.reshape(log.n_landmarks, 2, log.n_landmarks, 2)
         own = np.einsum("kikj->kij", blocks)
@@ -312,11 +292,35 @@ class Online:
         found = OnlineEstimate(
             poses, landmarks, own, in_doubt, graph_poses, used,
             covariances, wrong, ours.shares.clutter, np.array(self.filtered),
-            belief.counts, self._diagnosis(log, told, ours, gap),
+            belief.counts, diagnosis.diagnose(log, told, ours, self.held_out, gap),
         )  # fmt: skip
         if found.diagnosis.doubtful:
             warnings.warn("; ".join(found.diagnosis.reasons), DoubtWarning, stacklevel=3)
         return found
+
+    def _stand_against_rivals(self) -> float:
+        """Adopt the likeliest estimate of all data; by how much the next one is worse, [nats]."""
+        belief, restart = self.belief, self.settings.restart
+        log, told, poses, _ = belief.whole()
+        ours = self._fit(log, (poses, belief.landmarks), 1.0)
+        mine, gap = rivals.cost_of(log, ours), np.inf
+        found = rivals.blind(log, self._fit, poses, belief.landmarks)
+        others = [rivals.Rival(log, found, rivals.cost_of(log, found))]
+        if restart and self.settings.doubt_odometry and log.n_poses <= 2 * WINDOW:
+            best = min((ours, found), key=lambda one: rivals.cost_of(log, one))
+            if diagnosis.diagnose(log, told, best, self.held_out, np.inf).misfits:
+                slipped = rivals.with_a_slip(log.with_covariances(told), self._fit)
+                others += [slipped] if slipped else []
+        for rival in sorted(others, key=lambda one: one.cost):
+            if not rivals.differ(log, ours, rival.found):
+                continue
+            if restart and rival.cost < mine - BETTER:
+                belief.counts["batch restarts"] += 1
+                log, ours, gap, mine = rival.log, rival.found, mine - rival.cost, rival.cost
+            else:
+                gap = min(gap, rival.cost - mine)
+        self._adopt(log, told, ours)
+        return float(gap)
 
     def _vague(self) -> np.ndarray:
         """(K,) bool, landmarks that are nowhere well enough to tell their ranges from others'."""
@@ -327,28 +331,3 @@ class Online:
             return np.ones(k, dtype=bool)
         limit = data_association.VAGUE * np.median(self.belief.log.range_sigmas)
         return np.linalg.eigvalsh(own)[:, -1] > limit**2
-
-    def _diagnosis(self, log: Log, told: np.ndarray, found, gap: float) -> Diagnosis:
-        none = found.weights[:, -1]
-        residuals = association.residuals(log, found.poses, found.landmarks)
-        squared = np.nansum(found.responsibilities * (residuals / log.range_sigmas[:, None]) ** 2)
-        freedom = (1 - none).sum() - 2 * np.isfinite(found.landmarks[:, 0]).sum()
-        recent = np.concatenate([np.empty(0), *self.held_out[-max(log.n_poses // 3, 1) :]])
-        odometry, worst_step = diagnosis.steps_missed(log, told, found.poses)
-        return Diagnosis(
-            unexplained=float(none.mean()) if len(none) else 0.0,
-            worst_run=diagnosis.worst_run(log, none),
-            surprise=float(recent.mean()) if len(recent) else 1.0,
-            residual=float(squared / freedom) if freedom > 0 else 1.0,
-            odometry=odometry,
-            worst_step=worst_step,
-            rival=float(gap),
-        )
-
-
-def _differ(log: Log, one: em.SoftEstimate, other: em.SoftEstimate) -> bool:
-    """Are two estimates not the same, to a range sigma in any place?"""
-    moved = np.linalg.norm(one.poses[:, :2] - other.poses[:, :2], axis=1).max()
-    places = np.linalg.norm(one.landmarks - other.landmarks, axis=1)
-    apart = np.nanmax(np.append(places, moved))
-    return bool(apart > np.median(log.range_sigmas)) if len(log.ranges) else False

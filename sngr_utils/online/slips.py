@@ -1,41 +1,35 @@
 """Steps of the odometry that are no longer trusted, and where the robot is then.
 
 The estimator is not told that its wheels may slip. A scan of which most ranges contradict the
-prediction raises the question; the posterior of its position, among known landmarks and under a
-wide prior, answers it, and its evidence decides. Many starts come first, and nested sampling is
-the referee where their weights are not sound.
+prediction raises the question. The answers are hypotheses: the newest step has slipped, or the
+robot has turned a step before, or both, or the last slip led elsewhere. Each is localised anew in
+the known map, by all scans since, and the evidence decides.
 """
-
-from dataclasses import replace
 
 import numpy as np
 from scipy import stats
 
-from sngr_utils.online import data_association, localisation
-from sngr_utils.online.belief import Belief
+from sngr_utils.online import data_association, localisation, relocalisation
+from sngr_utils.online.belief import TURNED, Belief
 from sngr_utils.robust import association
 from sngr_utils.sampling import importance
 from sngr_utils.sampling.targets import place
-from sngr_utils.slam import range_density, selected_inverse
+from sngr_utils.slam import selected_inverse
 from sngr_utils.world.dead_reckoning import relative_motion, wrap_angle
 from sngr_utils.world.log import NO_LABEL
 
 SLIP_ODDS = np.log(100.0)  # nats that a slip must gain: one step in a hundred slips
-ROUGH = 3.0  # nats that a rough evidence may miss; within them it is computed well
-SIZES = 3  # of a slip that are tried
-NO_NOISE = 10.0  # odometry sigmas, the smallest of them
+FAR = 0.5  # times the longest range, sigma of a position after a slip
+RECENT = 8  # poses for which the place after a slip may be put in question
 STEP_LIMIT = stats.chi2.ppf(1 - 1e-4, 3)  # squared normalised error of a step that slipped
 
 
 def find_robot(belief: Belief, by_nested: bool, *, rng: np.random.Generator) -> None:
     """Ask where the robot is, if that is open or its scan contradicts the predicted pose.
 
-    Where the step before has slipped already, what contradicts the prediction is taken for the
-    heading after it, which a slip of the position alone leaves trusted.
-
     Parameters
     ----------
-    by_nested : have the referee; else what many starts say stands
+    by_nested : nested sampling where many starts are not sound; else what they say stands
     """
     log, known = belief.log, belief.present & ~belief.in_doubt
     scan = belief.newest
@@ -44,24 +38,18 @@ def find_robot(belief: Belief, by_nested: bool, *, rng: np.random.Generator) -> 
     if len(scan) < 3 or len(belief.poses) < 3:
         return
     covariance = belief.covariance(anchored=True)
-    found = belief.innovations(covariance)
-    lost = _lost(belief, covariance)
-    if not lost and not _contradicted(belief, found, scan):
-        return
-    step = _last_good(belief)
-    if not lost and step > 0 and belief.slipped[step - 1]:
-        belief.distrust(step - 1, turned=True)
-        covariance = belief.covariance(anchored=True)
-        found, lost = belief.innovations(covariance), _lost(belief, covariance)
+    if _lost(belief, covariance):
+        _find_lost(belief, scan, covariance, by_nested, rng=rng)
+    elif _contradicted(belief, belief.innovations(covariance), scan):
+        _find_slipped(belief, covariance)
+
+
+def _find_lost(
+    belief: Belief, scan: np.ndarray, covariance: selected_inverse.ChainCovariance,
+    by_nested: bool, *, rng: np.random.Generator,
+) -> None:  # fmt: skip
+    """The newest position from its scan alone, where the prediction tells no landmarks apart."""
     m, k, evidence = _scan_evidence(belief, scan, covariance)
-    given = found.squared[m, k], found.variances[m, k], evidence.wrong, belief.longest
-    trusted = np.log(range_density.density(*given)).sum()
-    if lost:
-        evidence = replace(evidence, sigma=min(_spread(covariance), belief.longest))
-    else:
-        evidence, rough = _likeliest_size(belief, evidence)
-        if rough - trusted < SLIP_ODDS - ROUGH:
-            return
     belief.counts["position questions"] += 1
     try:
         cloud, sound = localisation.many_starts(evidence, rng=rng)
@@ -70,13 +58,11 @@ def find_robot(belief: Belief, by_nested: bool, *, rng: np.random.Generator) -> 
     if by_nested and not sound:
         belief.counts["position samples"] += 1
         cloud = localisation.sample(evidence, rng=rng)
-    if not lost:
-        if cloud.log_evidence - np.log(SIZES) - trusted < SLIP_ODDS:
-            return
-        belief.distrust(step, turned=False)
     best = localisation.modes(cloud, evidence)[0]
     if best.mass > localisation.ENOUGH_MASS:
-        belief.move_newest(best.mean, step + 1, belief.credit_fitting(m, k, best, evidence))
+        tail = belief.poses[_last_good(belief) + 1 :].copy()
+        tail[:, :2] += best.mean - tail[-1, :2]
+        belief.move_newest(tail, belief.credit_fitting(m, k, best, evidence))
 
 
 def _scan_evidence(
@@ -89,21 +75,59 @@ def _scan_evidence(
     own = np.diag(covariance.landmarks).reshape(-1, 2).mean(axis=1)[k]
     return m, k, place.Evidence(
         belief.landmarks[k], log.ranges[m], own + log.range_sigmas[m] ** 2, 1 - prior,
-        belief.longest, belief.poses[-1, :2], belief.longest,
+        belief.longest, belief.poses[-1, :2], min(_spread(covariance), belief.longest),
     )  # fmt: skip
 
 
-def _likeliest_size(belief: Belief, evidence: place.Evidence) -> tuple[place.Evidence, float]:
-    """The evidence under the size of a slip that explains it best, and its log, roughly, [nats].
+def _find_slipped(belief: Belief, covariance: selected_inverse.ChainCovariance) -> None:
+    """Move the newest poses where the likeliest hypothesis of a slip has them, if there is one."""
+    last, good = len(belief.poses) - 1, _last_good(belief)
+    recent = [s for s in np.flatnonzero(belief.slipped) if s >= last - RECENT]
+    steps = dict.fromkeys(recent, 0.0) | {
+        s: SLIP_ODDS for s in (good - 1, good) if s >= 0 and s not in recent
+    }
+    belief.counts["position questions"] += 1
+    best, choice = 0.0, None
+    for step, odds in steps.items():
+        part = _stretch(belief, step, covariance)
+        sigmas = np.sqrt(np.diag(covariance.poses[step + 1]))
+        mean = belief.poses[step + 1]
+        trusted = relocalisation.refined(part, mean, mean, sigmas).log_evidence
+        far = np.full(2, FAR * belief.longest)
+        for free in (np.array([True, False]), np.array([False, True]), np.array([True, True])):
+            if free.all() and step == last - 1:
+                continue  # one scan does not tell a heading
+            wide = np.append(far if free[0] else sigmas[:2], TURNED if free[1] else sigmas[2])
+            found = relocalisation.search(part, mean, wide, ~free, last - step - 1)
+            gain = found.log_evidence - trusted - odds
+            if gain > best:
+                best, choice = gain, (step, free, found.pose, part)
+    if choice is not None:
+        _believe(belief, *choice)
 
-    Sizes go from what is no noise any more to the longest range, by equal factors.
-    """
-    steps = np.trace(belief.told[:, :2, :2], axis1=1, axis2=2) / 2
-    least = min(NO_NOISE * np.sqrt(np.median(steps)), belief.longest)
-    sizes = [replace(evidence, sigma=s) for s in np.geomspace(least, belief.longest, SIZES)]
-    rough = [localisation.rough_evidence(size) for size in sizes]
-    best = int(np.argmax(rough))
-    return sizes[best], rough[best] - np.log(SIZES)
+
+def _stretch(belief: Belief, step: int, covariance: selected_inverse.ChainCovariance):
+    """What was measured since a step, with the known map."""
+    unknown = ~belief.present | belief.in_doubt
+    landmarks = np.where(unknown[:, None], np.nan, belief.landmarks)
+    spread = np.diag(covariance.landmarks).reshape(-1, 2).mean(axis=1)
+    part = belief.log.after(step + 1)
+    return relocalisation.stretch(part, belief.poses[step + 1 :], landmarks, spread, belief.shares)
+
+
+def _believe(belief: Belief, step: int, free: np.ndarray, first: np.ndarray, part) -> None:
+    """A step has slipped, and none after it; the poses behind it are elsewhere."""
+    later = np.flatnonzero(belief.slipped[step + 1 :]) + step + 1
+    belief.trust(later)
+    belief.distrust(step, turned=bool(free[1]))
+    tail = relocalisation.moved(belief.poses[step + 1 :], first)
+    weights = relocalisation.sources(part, first)
+    known = np.append(np.flatnonzero(belief.present & ~belief.in_doubt), data_association.DROPPED)
+    fresh = known[np.argmax(weights, axis=1)]
+    fresh[weights.max(axis=1) <= data_association.RESOLVED] = data_association.DROPPED
+    used = belief.credit.used.copy()
+    used[belief.log.pose_of > step] = fresh
+    belief.move_newest(tail, used)
 
 
 def _contradicted(belief: Belief, found: data_association.Innovations, scan: np.ndarray) -> bool:

@@ -30,7 +30,7 @@ from sngr_utils.world.log import Log
 WIDEST = 6.0  # range sigmas that the annealed one starts with: a landmark start errs that much
 COOLING = 0.7  # per iteration
 
-ITERATIONS, SETTLED = 60, 1e-4  # of EM: at most, and when no position moves more, [m]
+ITERATIONS, SETTLED = 60, 1e-3  # of EM: at most, and range sigmas that no position then moves
 
 
 @dataclass(frozen=True)
@@ -115,8 +115,9 @@ def fit(
     """
     chain = chain_problem.of_log(log, start[1], conventions.landmark_prior_sigma)
     first = RARE[0] / sum(RARE) if clutter else 0.0
+    still = SETTLED * np.median(log.range_sigmas) if len(log.ranges) else 0.0
     at, weights, *shares, given_up = _alternate(
-        chain, model_of(log, exclusive), chain_solver.state_of(chain, *start), first, widest
+        chain, model_of(log, exclusive), chain_solver.state_of(chain, *start), first, widest, still
     )
     mutual_exclusion.warn(given_up)
     poses = information.poses_of(at.frames)
@@ -124,7 +125,7 @@ def fit(
 
 
 @compile_once
-def _alternate(chain, model, at, clutter, width):
+def _alternate(chain, model, at, clutter, width, still):
     """`fit`: the estimate, the sources of the ranges, the shares, and scans without exclusion."""
     wrong = JEFFREYS[0] / (JEFFREYS[0] + JEFFREYS[1])
     for n in range(ITERATIONS):
@@ -138,7 +139,7 @@ def _alternate(chain, model, at, clutter, width):
         at = State(at.frames, at.landmarks, at.calibration, residuals)
         at = chain_solver.minimise(problem, LEAST_SQUARES, chain_solver.CERES, at)[0]
         moved = np.abs(at.frames[:, :2] - before[:, :2]).max()
-        if n == ITERATIONS - 1 or (width == 1.0 and moved < SETTLED):
+        if n == ITERATIONS - 1 or (width == 1.0 and moved <= still):
             break
         width = max(1.0, COOLING * width)
     return at, weights, wrong, clutter, given_up

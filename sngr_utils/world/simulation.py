@@ -52,15 +52,12 @@ class World:
         return len(self.landmarks)
 
     def log(self, x0_sigmas: list[float]) -> Log:
-        """What an estimator may know of it, with the prior on the first pose [m, m, rad].
-
-        Noise may take a short range below zero; no instrument says so, and its length is told.
-        """
+        """What an estimator may know of it, with the prior on the first pose [m, m, rad]."""
         return Log(
             odometry=self.odometry,
             odometry_covariances=np.diag(self.scenario.odometry_sigmas**2),
             pose_of=self.pose_of,
-            ranges=np.abs(self.ranges),
+            ranges=self.ranges,
             range_sigmas=self.scenario.range_sigma,
             label_of=self.label_of,
             n_landmarks=self.n_landmarks,

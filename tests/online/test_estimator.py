@@ -422,11 +422,39 @@ def test_a_step_is_refused_by_field_and_row():
         estimator.Online(log._with(scale=(1.0, 0.1)), C, WHOLE, rng=np.random.default_rng(0))
 
 
-def test_an_estimate_that_is_lost_says_so():
-    """A slip before any landmark is known, which no scan contradicts: the map is torn."""
+def torn():
+    """A slip before any landmark is known, which no scan contradicts."""
     drawn = make(0.3, 118)
-    slipped = variations.jump(drawn, 5.0, 0.0, rng=np.random.default_rng([118, 90]))
+    return variations.jump(drawn, 5.0, 0.0, rng=np.random.default_rng([118, 90])), drawn
+
+
+def test_an_estimate_that_is_lost_says_so():
+    """Its map is torn, and it may not doubt the odometry."""
+    slipped, drawn = torn()
     with pytest.warns(diagnosis.DoubtWarning, match="fit nothing"):
-        found = run(slipped)
+        found = run(slipped, estimator.Settings(doubt_odometry=False))
     assert found.diagnosis.reasons
     assert not run(drawn).diagnosis.doubtful
+
+
+def test_a_slip_before_the_map_is_found_at_the_end():
+    slipped, drawn = torn()
+    found = run(slipped)
+    assert found.counts["slips"] == 1
+    best, _ = every_world.oracle(slipped, drawn, C, from_grid=False)
+    assert rmse(found, drawn) < 1.2 * rmse(best, drawn)
+    assert not found.diagnosis.doubtful
+
+
+@pytest.mark.parametrize(("metres", "radians"), [(5.0, 0.0), (0.0, 0.5)])
+def test_a_large_slip_is_found_at_the_next_scans(metres, radians):
+    """Where one scan leaves a position open, the next one settles it; heading has two to do so."""
+    drawn = make(0.3, 108)
+    slipped = variations.jump(drawn, metres, radians, rng=np.random.default_rng([108, 90]))
+    found = run(slipped)
+    best, newest = every_world.oracle(slipped, drawn, C, from_grid=False)
+    assert rmse(found, drawn) < 1.2 * rmse(best, drawn)
+    truth = drawn.poses[:, :2]
+    assert rmse_and_nees.rmse(found.filtered[:, :2], truth) < 1.5 * rmse_and_nees.rmse(
+        newest, truth
+    )
