@@ -51,7 +51,8 @@ def draw_levels(ax: Axes, clean: pd.DataFrame, names: Mapping[str, str]) -> None
     shares = 100 * np.vstack([fired.loc[list(names), scenarios], failed[scenarios]])
     ax.imshow(shares, cmap="Oranges", vmin=0, vmax=100, aspect="auto")
     for (i, j), share in np.ndenumerate(shares):
-        ax.text(j, i, f"{share:.0f}", ha="center", va="center")
+        colour = "white" if share > 60 else style.TRUTH
+        ax.text(j, i, f"{share:.0f}", ha="center", va="center", color=colour)
     ax.axhline(len(names) - 0.5, color=style.TRUTH, lw=1)
     ax.set_xticks(range(len(scenarios)), scenarios, rotation=30, ha="right")
     ax.set_yticks(range(len(shares)), [*names.values(), "(windows that failed)"])
