@@ -6,14 +6,16 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, model_validator
 
-from sngr_utils.settings import Levels, Positive, Probability, Seed
+from sngr_utils.settings import READING, Levels, Positive, Probability, Seed
 from sngr_utils.world.scenario import ManyWorlds
 
 # What runs is imported where it runs: a check of all parameters needs no GTSAM and no compiler.
 if TYPE_CHECKING:
+    import numpy as np
     import pandas as pd
 
     from sngr_utils.experiments.detector_study import Study, Worlds
+    from sngr_utils.world.simulation import World
 
 Share = Annotated[float, Field(gt=0, lt=1)]
 
@@ -93,3 +95,13 @@ def run_shown(config: Config) -> pd.DataFrame:
 
     case = Case("paper", config.p_shown, config.burst_poses)
     return detector_study.along(config.worlds, case, config.seed_shown)
+
+
+def run_example(config: Config) -> tuple[World, np.ndarray, np.ndarray]:
+    """A clean world, and the poses and landmarks of its robust estimate."""
+    from sngr_utils.experiments import detector_scores
+    from sngr_utils.slam.conventions import PRESETS
+
+    the_world = detector_scores.Case("paper", 0.0).draw(config.scenario, config.seed_shown)
+    found = detector_scores.robust_estimate(the_world, PRESETS[READING])
+    return the_world, found.poses, found.landmarks

@@ -78,6 +78,12 @@ class Case:
         return variations.burst(clean, self.p, self.burst, rng=burst_rng)
 
 
+def robust_estimate(the_world: simulation.World, conventions: Conventions) -> em.SoftEstimate:
+    """EM over the associations from a grid, no two ranges of a scan from the same landmark."""
+    log = the_world.log(conventions.x0_sigmas)
+    return em.estimate(log, conventions, "grid", exclusive=True, clutter=False)
+
+
 def scores(
     the_world: simulation.World, conventions: Conventions, solution: Solution
 ) -> pd.DataFrame:
@@ -87,11 +93,9 @@ def scores(
     """
     plain = selected_inverse.covariance(solution, the_world, conventions)
     poses, landmarks = solution.poses, solution.landmarks
-    robust_estimate = em.estimate(
-        the_world.log(conventions.x0_sigmas), conventions, "grid", exclusive=True, clutter=False
-    )
-    reference = robust_estimate.poses, robust_estimate.landmarks
-    own = robust_estimate.responsibilities[np.arange(len(the_world.ranges)), the_world.label_of]
+    robust = robust_estimate(the_world, conventions)
+    reference = robust.poses, robust.landmarks
+    own = robust.responsibilities[np.arange(len(the_world.ranges)), the_world.label_of]
     trusted = selected_inverse.covariance_at(*reference, the_world.keep(own > TRUSTED), conventions)
     null = selected_inverse.covariance_at(*reference, the_world, conventions)  # all labels right
     robust_test = leverage.chi_square(the_world, *reference, null)
@@ -228,11 +232,11 @@ def ranking(
             within, _ = cluster_bootstrap.within_auc(score, true, worlds, rng=rng)
             found.append({
                 **dict(zip(GROUPS, keys, strict=True)), "detector": name, "truth": truth,
-                **_columns("auc", cluster_bootstrap.roc_auc(score, true, worlds, rng=rng)),
-                **_columns(
+                **_ends("auc", cluster_bootstrap.roc_auc(score, true, worlds, rng=rng)),
+                **_ends(
                     "precision", cluster_bootstrap.average_precision(score, true, worlds, rng=rng)
                 ),
-                **_columns("within", within),
+                **_ends("within", within),
                 "base_rate": true.mean(), "worlds": len(np.unique(worlds)),
             })  # fmt: skip
     return pd.DataFrame(found)
@@ -266,8 +270,8 @@ def decisions(
             }  # fmt: skip
             row = {**dict(zip(GROUPS, keys, strict=True)), "detector": name, "truth": truth}
             for column, (marked, among) in shares.items():
-                row |= _columns(column, cluster_bootstrap.share(marked, among, worlds, rng=rng))
-            row |= _columns("mcc", cluster_bootstrap.matthews(fired, true, worlds, rng=rng))
+                row |= _ends(column, cluster_bootstrap.share(marked, among, worlds, rng=rng))
+            row |= _ends("mcc", cluster_bootstrap.matthews(fired, true, worlds, rng=rng))
             silent = ~group.assign(fired=fired).groupby("seed")["fired"].any()
             row |= {
                 "base_rate": true.mean(), "worlds": len(silent), "silent": silent.mean()
@@ -276,5 +280,5 @@ def decisions(
     return pd.DataFrame(found)
 
 
-def _columns(name: str, interval: cluster_bootstrap.Interval) -> dict[str, float]:
+def _ends(name: str, interval: cluster_bootstrap.Interval) -> dict[str, float]:
     return {name: interval.value, f"{name}_low": interval.low, f"{name}_high": interval.high}
