@@ -16,13 +16,11 @@ from sngr_utils.online.belief import Belief
 from sngr_utils.online.data_association import DROPPED
 from sngr_utils.online.diagnosis import DoubtWarning
 from sngr_utils.online.estimator import OnlineEstimate, Settings
-from sngr_utils.sampling.targets import place
 from sngr_utils.slam import isam2
 from sngr_utils.slam.conventions import Conventions
-from sngr_utils.world import dead_reckoning, simulation, variations
+from sngr_utils.world import simulation, variations
 from sngr_utils.world.scenario import Scenario
 
-FEW_POSES = (2, 3, 4, 6)  # after which one landmark is drawn
 NAME = "online"  # of the method itself, among its variants
 STREAM, SLIPS, FILM = 80, 81, 82  # of random numbers, beside the seed of the world
 COUNTS = (
@@ -150,8 +148,11 @@ def _slipped(scenario, conventions, p, steps, sigma, seed) -> list[dict]:
     start = estimators.REFERENCE_START
     for method in ("cauchy", "em_exclusive", "oracle"):
         found = estimators.estimate(the_world, conventions, method, start, rng=rng)
-        rmse = rmse_and_nees.rmse(found.poses[:, :2], the_world.poses[:, :2])
-        rows.append({"method": method, **key, "start": start, "pose_rmse": rmse})
+        rows.append({
+            "method": method, **key, "start": start,
+            "pose_rmse": rmse_and_nees.rmse(found.poses[:, :2], the_world.poses[:, :2]),
+            "landmark_rmse": rmse_and_nees.rmse(found.landmarks, the_world.landmarks),
+        })  # fmt: skip
     return rows
 
 
@@ -221,35 +222,6 @@ def _frame(
         belief.landmarks, clouds, data.label_of[newest], belief.credit.used[belief.newest],
         data.source_of[newest], data.landmarks,
     )  # fmt: skip
-
-
-def few_poses(
-    the_world: simulation.World, seed: int
-) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, float]]:
-    """What `FEW_POSES` know of one landmark: samples, poses, landmark, mass of the first mode.
-
-    The labels of this picture are the true ones: it is about geometry. The landmark is the one
-    nearest to where the robot starts, whose mirror image is not far either.
-    """
-    blind = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry)
-    scenario = the_world.scenario
-    variances = dead_reckoning.dead_reckoning_variances(blind, np.diag(scenario.odometry_sigmas**2))
-    variances += scenario.range_sigma**2
-    k = int(np.argmax(the_world.landmarks[:, 0]))
-    panels = []
-    for n in FEW_POSES:
-        mine = np.flatnonzero((the_world.source_of == k) & (the_world.pose_of < n))
-        anchors, ranges = blind[:n, :2], the_world.ranges[mine]
-        evidence = place.Evidence(
-            anchors, ranges, variances[:n], np.full(n, 0.01), ranges.max(), anchors.mean(axis=0),
-            ranges.max(),
-        )  # fmt: skip
-        rng = np.random.default_rng([seed, n])
-        cloud = localisation.sample(evidence, rng=rng)
-        drawn = rng.choice(len(cloud.samples), 600, p=cloud.weights / cloud.weights.sum())
-        mass = localisation.modes(cloud, evidence)[0].mass
-        panels.append((cloud.samples[drawn], anchors, the_world.landmarks[k], mass))
-    return panels
 
 
 def future_is_unknown(the_world: simulation.World, conventions: Conventions, seed: int) -> bool:

@@ -3,11 +3,11 @@
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
+from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 from scipy.stats import false_discovery_control
 
-from sngr_utils.association_aware import Config
+from sngr_utils.association_aware import SLOW, Config
 from sngr_utils.experiments import estimators, online_variants
 from sngr_utils.experiments.estimators import BATCH
 from sngr_utils.metrics import summaries
@@ -28,21 +28,32 @@ def summary_series(runs: pd.DataFrame) -> dict[str, tuple[np.ndarray, np.ndarray
     }  # fmt: skip
 
 
+# how alike is compared with alike: column of the runs -> name
+KINDS = {
+    "filtered": "newest pose, on the way", "graph": "all poses, before the final EM",
+    "ratio": "all poses, final", "landmark_ratio": "landmarks, final",
+}  # fmt: skip
+
+
+LESSON = 6  # columns of `goal_table` that the lesson shows
+
+
 def goal_table(runs: pd.DataFrame) -> pd.DataFrame:
-    """Ours, online and batch, and the oracle, per p: ratio mean and worst, NEES, errors."""
+    """Per p: medians of our errors over the oracle's of the same kind, and of batch EM's; more."""
     rows = []
     by = runs.set_index(["method", "p"]).sort_index()
     for p in dict.fromkeys(runs["p"]):
         ours, batch, oracle = (by.loc[(m, p)] for m in (online_variants.NAME, BATCH, "oracle"))
         rows.append([
-            f"{p:g}", t(oracle["pose_rmse"].mean(), ".3f"), t(ours["ratio"].mean(), ".3f"),
-            t(ours["ratio"].max()), t((ours["graph_rmse"] / ours["oracle_rmse"]).mean()),
-            t(batch["ratio"].mean(), ".3f"), t(batch["ratio"].max()),
-            t(ours["nees"].mean()), t(oracle["nees"].mean()),
-            t(ours["filtered_rmse"].mean(), ".3f"), t(ours["p_found"].mean()),
+            f"{p:g}", *(t(ours[kind].median()) for kind in KINDS), t(batch["ratio"].median()),
+            t(ours["ratio"].max()), t(batch["ratio"].max()), t(oracle["pose_rmse"].mean(), ".3f"),
+            t(oracle["landmark_rmse"].mean(), ".3f"), t(ours["filtered_rmse"].mean(), ".3f"),
+            t(ours["nees"].mean()), t(oracle["nees"].mean()), t(ours["p_found"].mean()),
         ])  # fmt: skip
-    heads = ["p", "oracle RMSE [m]", "online: ratio", "worst", "its graph", "batch: ratio", "worst",
-             "NEES online", "NEES oracle", "filtered RMSE [m]", "p, estimated"]  # fmt: skip
+    heads = [
+        "p", *KINDS.values(), "EM in batch, final", "worst", "worst of EM", "oracle RMSE [m]",
+        "its landmarks [m]", "filtered RMSE [m]", "NEES", "NEES oracle", "p, estimated",
+    ]  # fmt: skip
     return pd.DataFrame(rows, columns=heads)
 
 
@@ -56,7 +67,7 @@ def test_table(runs: pd.DataFrame) -> pd.DataFrame:
     Source: Benjamini & Hochberg, JRSS B 57, 1995.
     """
     levels = [p for p in dict.fromkeys(runs.loc[runs["method"] == "huber", "p"]) if p > 0]
-    peers = [m for m in estimators.METHODS if m != "oracle"]
+    peers = [m for m in estimators.METHODS if m not in ("oracle", *SLOW)]
     chosen = runs[runs["p"].isin(levels)]
     ours = chosen[chosen["method"] == online_variants.NAME].set_index(["p", "seed"])["pose_rmse"]
     chosen = chosen.join(ours.rename("ours"), on=["p", "seed"])
@@ -91,10 +102,10 @@ def counts_table(runs: pd.DataFrame, n_windows: int) -> pd.DataFrame:
             t(mean["dropped"], ".1f"), t(group["miscredited"].mean(), ".1f"),
         ])  # fmt: skip
     heads = [
-        ("", "p"), ("mirror test", "waits"), ("many starts", "landmark"), ("many starts", "robot"),
+        ("", "p"), ("mirror test", "delays"), ("many starts", "landmark"), ("many starts", "robot"),
         ("nested sampling", "runs"), ("nested sampling", "% of windows"),
         ("landmarks", "taken out"), ("EM", "adopted"), ("ranges", "swapped"),
-        ("ranges", "to none"), ("ranges", "wrongly"),
+        ("ranges", "to no landmark"), ("ranges", "to a wrong one"),
     ]  # fmt: skip
     return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples(heads))
 
@@ -143,135 +154,120 @@ def time_table(runs: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["p", "median [s]", "longest [s]"])
 
 
-# what `draw_summary` shows by a line of its own; all others are one grey band
-NAMED = ("sngr", "isam2", "least_squares", "dead_reckoning", "huber", "fastslam",
-         "max_mixture_all", "em", "em_exclusive", online_variants.NAME)  # fmt: skip
-FORGETTING = "seven that forget"  # redescending losses, switches, max-mixture with a null
+ZOOM = 0.95, 1.3  # of the ratio, where what works is compared
 
 
-def draw_frame(ax: Axes, frame) -> None:
-    """What is believed at one pose (`online_variants.Frame`), and the ranges of that pose.
-
-    A line goes from the pose to the landmark that a range is credited to: green if that is its
-    label's, orange if it was swapped; red and dotted to its label's if it is not associated.
-    """
-    for cloud in frame.clouds.values():
-        ax.plot(*cloud.T, ".", ms=0.8, color=style.PRIOR, alpha=0.4)
-    ax.plot(*frame.truth.T, "-", lw=2.5, color="0.8")
-    ax.plot(*frame.plain.T, ":", color=style.ESTIMATE)
-    ax.plot(*frame.poses.T, "-", color=style.TRUTH, lw=0.9)
-    ax.plot(*frame.true_landmarks.T, "+", ms=6, mew=0.6, color=style.TRUTH)
-    ax.plot(*frame.landmarks.T, "^", mfc="none", ms=5, color=style.LANDMARK)
-    here = frame.poses[-1]
-    for label, used in zip(frame.label_of, frame.used, strict=True):
-        colour, dash, end = style.SAMPLES, "-", frame.landmarks[used]
-        if used < 0:
-            colour, dash, end = style.TRIGGERED, ":", frame.true_landmarks[label]
-        elif used != label:
-            colour = style.LANDMARK
-        ax.plot(*np.array([here, end]).T, dash, color=colour, lw=0.7)
-    ax.plot(*here, "o", color=style.TRUTH)
-    ax.set(xlim=(-7.5, 7.5), ylim=(-7.5, 7.5), aspect="equal", xticks=[], yticks=[])
-    ax.set_title(f"pose {len(frame.poses) - 1}")
-
-
-def film_legend() -> list[Line2D]:
-    """What the marks of `draw_frame` mean."""
-    looks = {
-        "true path": {"lw": 2.5, "color": "0.8"},
-        "ours": {"color": style.TRUTH},
-        "plain iSAM2": {"ls": ":", "color": style.ESTIMATE},
-        "landmark": {"ls": "", "marker": "+", "color": style.TRUTH},
-        "ours, started": {"ls": "", "marker": "^", "mfc": "none", "color": style.LANDMARK},
-        "posterior of one that waits": {"ls": "", "marker": ".", "color": style.PRIOR},
-        "range, label kept": {"color": style.SAMPLES},
-        "swapped": {"color": style.LANDMARK},
-        "credited to none": {"ls": ":", "color": style.TRIGGERED},
-    }
-    return [Line2D([], [], label=label, **look) for label, look in looks.items()]
-
-
-def draw_summary(ax: Axes, series: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
+def draw_summary(
+    axes: tuple[Axes, Axes], series: dict[str, tuple[np.ndarray, np.ndarray]], fig: Figure
+) -> None:
     """Ratio of the pose RMSE to the oracle's against p, key -> (P,) p and (P, 3) median, low, high.
 
-    One is as good as knowing the associations. The legend is in the order of the last points.
+    One is as good as knowing the associations. All methods on a logarithmic axis, and `ZOOM`.
     """
-    grey = [series[key] for key in series if key not in NAMED]
-    handles = {}
-    for p, values in grey:
-        ax.plot(p, values[:, 0], color=style.PRINTED, lw=0.7)
-        handles[FORGETTING] = Line2D([], [], color=style.PRINTED, lw=0.7), values[-1, 0]
-    for key, (p, values) in series.items():
-        if key in NAMED:
+    for ax in axes:
+        for key, (p, values) in series.items():
             look = methods.METHODS[key]
-            mean, low, high = values.T
+            middle, low, high = values.T
             # an interval that reaches zero has no lower end on a log axis
-            bars = np.array([mean - np.maximum(low, 0.6 * mean), high - mean])
-            bar = ax.errorbar(p, mean, bars, ls=look.dash, color=look.colour, lw=look.width,
-                              zorder=2 + look.width, elinewidth=0.6, marker=look.marker, ms=3.5,
-                              mfc="none")  # fmt: skip
-            handles[look.name] = bar, mean[-1]
+            bars = np.array([middle - np.maximum(low, 0.6 * middle), high - middle])
+            ax.errorbar(p, middle, bars, ls=look.dash, color=look.colour, lw=look.width,
+                        zorder=2 + look.width, elinewidth=0.4, marker=look.marker, ms=3.5,
+                        mfc="none", label=look.name)  # fmt: skip
+        ax.axhline(1, color=style.TRUTH, lw=0.6, zorder=1)
+        ax.set(xlabel=style.WRONG_LABEL)
+    axes[0].set(yscale="log", yticks=[1, 2, 5, 10, 20, 50], ylabel="pose RMSE over the oracle's")
+    axes[0].set_ylim(bottom=0.9)
+    axes[0].yaxis.set_major_formatter("{x:g}")
+    axes[0].yaxis.set_minor_formatter(NullFormatter())
+    axes[1].set(ylim=ZOOM)
+    axes[0].set_title("all")
+    axes[1].set_title("the same near one")
+    handles, names = axes[0].get_legend_handles_labels()
+    fig.legend(handles, names, loc="outside lower center", ncols=5)
+
+
+def draw_kinds(ax: Axes, runs: pd.DataFrame) -> None:
+    """Ours and batch EM over the oracle, like against like: a dot per world, the median a bar.
+
+    Parameters
+    ----------
+    runs : of one p
+    """
+    for i, name in enumerate((online_variants.NAME, BATCH)):
+        rows, look = runs[runs["method"] == name], methods.METHODS[name]
+        for k, kind in enumerate(KINDS):
+            values = np.sort(rows[kind].dropna().to_numpy())
+            if len(values):
+                place = k + 0.4 * i - 0.2 + 0.24 * (np.arange(len(values)) / len(values) - 0.5)
+                ax.plot(place, values, "o", ms=2.2, mew=0, color=look.colour, alpha=0.6)
+                ax.plot([place[0], place[-1]], [np.median(values)] * 2, color=look.colour, lw=2,
+                        label=look.name if k == 0 else None)  # fmt: skip
     ax.axhline(1, color=style.TRUTH, lw=0.6, zorder=1)
-    ax.set(yscale="log", xlabel="share of wrong associations p", yticks=[1, 2, 5, 10, 20, 50])
-    ax.set(ylabel="pose RMSE over the oracle's")
-    ax.set_ylim(bottom=0.9)
+    ax.set(yscale="log", yticks=[1, 1.5, 2, 3, 5], xticks=range(len(KINDS)))
+    ax.set(ylabel="error over the oracle's of the same kind")
     ax.yaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_minor_formatter(NullFormatter())
-    order = sorted(handles, key=lambda name: -handles[name][1])
-    ax.legend([handles[name][0] for name in order], order, loc="lower center", ncols=3,
-              bbox_to_anchor=(0.45, 1), fontsize=6.5, columnspacing=1)  # fmt: skip
+    ax.set_xticklabels([name.replace(", ", "\n") for name in KINDS.values()])
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=2)
 
 
-def draw_posteriors(ax: Axes, panel) -> None:
-    """A landmark's posterior after a few poses: (P, 2) places, poses, landmark, mass of a mode."""
-    cloud, positions, landmark, mass = panel
-    ax.plot(*cloud.T, ".", ms=0.8, color=style.PRIOR, alpha=0.5)
-    ax.plot(*positions.T, "o-", color=style.TRUTH, ms=2.5)
-    ax.plot(*landmark, "+", ms=8, color=style.TRUTH)
-    ax.set(xlim=(-2, 12), ylim=(-6, 8), aspect="equal", xticks=[], yticks=[])
-    ax.set_title(f"{len(positions)} poses: first mode {mass:.2f}")
+def draw_ablation(axes: list[Axes], runs: pd.DataFrame) -> None:
+    """Ratio to the oracle of each variant, with and without the nets of EM: a dot per world."""
+    names = list(online_variants.PARTS)
+    for ax, nets in zip(axes, (True, False), strict=True):
+        rows = runs[(runs["nets"] == nets) & runs["method"].isin(names)]
+        place = [-names.index(name) for name in rows["method"]]
+        ax.plot(rows["ratio"], place, "o", ms=2.8, mfc="none", mew=0.6, color=style.ESTIMATE)
+        middle = rows.groupby("method")["ratio"].median()
+        ax.plot(middle[names], -np.arange(len(names)), "|", ms=11, mew=1.5, color=style.TRUTH)
+        ax.axvline(1, color=style.TRUTH, lw=0.6, zorder=1)
+        ax.set(xlabel="pose RMSE over the oracle's", xlim=(0.7, 2.3))
+        ax.set_title("with the safety nets" if nets else "without them")
+        ax.grid(axis="y", lw=0.3)
+    shown = ["whole method" if name == online_variants.NAME else name for name in names]
+    axes[0].set_yticks(-np.arange(len(names)), shown)
+    axes[1].set_yticks(-np.arange(len(names)), [])
 
 
-# What the paper's text quotes: of ours, level -> (column, format); of the others, level -> methods.
 ASKED, NESTED = ("landmark questions", ".1f"), ("nested", ".2f")
-OURS = {
-    0.0: (("ratio", ".3f"), ASKED, NESTED),
-    0.1: (NESTED,),
-    0.2: (("ratio", ".3f"),),
-    0.4: (("ratio", ".3f"), ("nees", ".2f"), ASKED, ("graph", ".3f")),
-    0.5: (("ratio", ".3f"), NESTED),
-}
-OTHERS = {
-    0.4: ("cauchy", "em", "em_exclusive", "fastslam", "huber", "isam2", "max_mixture_all",
-          "switchable"),
-    0.5: ("em", "em_exclusive", "max_mixture_all"),
+OURS = {  # what the paper's text quotes beside the `KINDS`, level -> (column, format)
+    0.0: (ASKED, NESTED), 0.1: (NESTED,), 0.4: (("nees", ".2f"), ASKED), 0.5: (NESTED,),
 }  # fmt: skip
 
 
-def record(config: Config, runs: pd.DataFrame, slips: pd.DataFrame, to: report.Report) -> None:
-    """Hand on the numbers that the paper's text quotes."""
+def record(
+    config: Config, runs: pd.DataFrame, ablation: pd.DataFrame, slips: pd.DataFrame,
+    to: report.Report,
+) -> None:  # fmt: skip
+    """Hand on one number per world of each method and level, and what the paper's text quotes."""
     to.value("online.n_seeds", config.n_seeds, ".0f")
     to.value("online.n_ablation", config.n_ablation, ".0f")
     to.value("online.n_slip", config.n_slip, ".0f")
     n_windows = windows.n_windows(config.n_poses)
     ours = runs[runs["method"] == online_variants.NAME]
     for p, rows in ours.groupby("p", sort=False):
-        rows = rows.assign(nested=sampled(rows), graph=rows["graph_rmse"] / rows["oracle_rmse"])
-        for name, fmt in OURS.get(p, ()):
+        rows = rows.assign(nested=sampled(rows))
+        for name, fmt in (*((kind, ".3f") for kind in KINDS), *OURS.get(p, ())):
             to.sample(f"online.p{p:g}.{name.replace(' ', '_')}", rows[name].astype(float), fmt)
         if NESTED in OURS.get(p, ()):
             to.sample(f"online.p{p:g}.windows", 100 * rows["nested"] / n_windows, ".1f", "%")
-    for (method, p), rows in runs.groupby(["method", "p"]):
-        if method in OTHERS.get(p, ()):
-            to.sample(f"online.{method}.p{p:g}.ratio", rows["ratio"])
-        if (method, p) == ("oracle", 0.4):
-            to.sample("online.oracle.p0.4.nees", rows["nees"])
+    for (method, p), rows in runs[~runs["method"].isin([online_variants.NAME, "oracle"])].groupby([
+        "method",
+        "p",
+    ]):
+        for name in ("ratio", "landmark_ratio", "filtered") if method == BATCH else ("ratio",):
+            if rows[name].notna().all():
+                to.sample(f"online.{method}.p{p:g}.{name}", rows[name])
+    to.sample("online.oracle.p0.4.nees", runs.query("method == 'oracle' and p == 0.4")["nees"])
+    parts = ablation[ablation["method"] != "oracle"]
+    for (name, p, nets), rows in parts.groupby(["method", "p", "nets"]):
+        here = f"online.ablation.p{p:g}.{name.replace(' ', '_')}"
+        to.sample(f"{here}.{'nets' if nets else 'bare'}", rows["ratio"])
     to.value("online.worst", ours["ratio"].max(), n=len(ours), within=0.2)
     batch = runs[runs["method"] == estimators.BATCH]
     to.value("online.batch.largest_mean", batch.groupby("p")["ratio"].mean().max(), ".3f",
              within=0.05)  # fmt: skip
-    for method in ("online", "trusting"):
-        rows = slips[slips["method"] == method]
+    for method, rows in slips[slips["method"] != "oracle"].groupby("method"):
         to.sample(f"online.slip.{method}.ratio", rows["ratio"])
         to.sample(f"online.slip.{method}.rmse", rows["pose_rmse"], unit="m")
     lost = (slips.loc[slips["method"] == online_variants.NAME, "ratio"] > estimators.LOST).sum()

@@ -29,7 +29,7 @@ METHODS = {
     "dead_reckoning": Method("dead reckoning", BLACK, ":", None),
     "isam2": Method("iSAM2", BLUE, "--", "o"),
     "sngr": Method("SNGR", VERMILLION, "-", "x"),
-    "online": Method("association-aware SNGR", GREEN, "-", None, 2.4),
+    "online": Method("association-aware, online", GREEN, "-", None, 2.4),
     "least_squares": Method("least squares", ORANGE, "-", "s"),
     "huber": Method("Huber", PURPLE, "-", "D"),
     "cauchy": Method("Cauchy", BLUE, "-", "v"),

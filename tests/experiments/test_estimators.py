@@ -160,7 +160,9 @@ def test_ratios_and_paired_differences(runs):
     oracle = relative.query("method == 'oracle'")
     assert (oracle["ratio"] == 1).all()
     row = relative.query("method == 'huber' and seed == 101").iloc[0]
-    assert row.ratio == row.pose_rmse / oracle.set_index("seed").pose_rmse[101]
+    best = oracle.set_index("seed").loc[101]
+    assert (row.ratio, row.oracle_rmse) == (row.pose_rmse / best.pose_rmse, best.pose_rmse)
+    assert row.landmark_ratio == row.landmark_rmse / best.landmark_rmse
     table = estimators.paired(runs, "isam2", "em")
     rmse = runs.set_index("seed").groupby("method")["pose_rmse"]
     difference = rmse.get_group("isam2") - rmse.get_group("em")

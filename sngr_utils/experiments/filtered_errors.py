@@ -1,0 +1,73 @@
+"""Like against like: each pose when it was the newest, beside what the oracle knew of it then."""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from sngr_utils.experiments import estimators
+from sngr_utils.experiments.many_worlds import map_worlds
+from sngr_utils.metrics import rmse_and_nees
+from sngr_utils.slam.conventions import Conventions
+from sngr_utils.world import simulation
+from sngr_utils.world.log import LogWarning
+from sngr_utils.world.scenario import Scenario
+
+
+def run(
+    scenario: Scenario,
+    conventions: Conventions,
+    p: float,
+    seeds: Sequence[int],
+    jobs: int | None = None,
+) -> pd.DataFrame:
+    """EM over the batch and the oracle, asked anew at every pose for the newest one.
+
+    Returns
+    -------
+    one row per method, p and seed: filtered_rmse, [m]. That of the oracle is the same at every p
+    """
+    cases = [(scenario, conventions, p, seed) for seed in seeds]
+    return pd.DataFrame([row for rows in map_worlds(_of_one, cases, jobs) for row in rows])
+
+
+def _of_one(scenario, conventions, p, seed) -> list[dict]:
+    the_world = simulation.simulate(scenario, p, rng=np.random.default_rng(seed))
+    true = replace(the_world, label_of=the_world.source_of)
+    start, rng, rows = estimators.REFERENCE_START, np.random.default_rng(seed), []
+    for name, method, given in (
+        (estimators.BATCH, estimators.BATCH, the_world), ("oracle", "least_squares", true),
+    ):  # fmt: skip
+        newest = [the_world.x0_mean]
+        for n in range(2, the_world.n_poses + 1):
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", LogWarning)  # of landmarks that no label names yet
+                found = estimators.estimate(given.first(n), conventions, method, start, rng=rng)
+            newest.append(found.poses[-1])
+        rmse = rmse_and_nees.rmse(np.array(newest)[:, :2], the_world.poses[:, :2])
+        rows.append({"method": name, "p": p, "seed": seed, "filtered_rmse": rmse})
+    return rows
+
+
+def relative(runs: pd.DataFrame, newest: pd.DataFrame) -> pd.DataFrame:
+    """Runs of the online estimator and others with two ratios more to the oracle, kind by kind.
+
+    Parameters
+    ----------
+    runs : of `online_variants.run_variants` and `estimators.compare`, with oracle_rmse
+    newest : what `run` returns, for the same seeds
+
+    Returns
+    -------
+    with filtered_rmse of all that have it, and the columns graph (RMSE of the poses before the
+    final EM over the oracle's) and filtered (of each pose when it was the newest)
+    """
+    runs = runs.merge(newest, on=["method", "p", "seed"], how="left", suffixes=("", "_other"))
+    runs["filtered_rmse"] = runs["filtered_rmse"].fillna(runs.pop("filtered_rmse_other"))
+    oracle = newest[newest["method"] == "oracle"].set_index("seed")["filtered_rmse"]
+    return runs.assign(
+        graph=runs["graph_rmse"] / runs["oracle_rmse"],
+        filtered=runs["filtered_rmse"] / runs["seed"].map(oracle),
+    )

@@ -1,0 +1,118 @@
+"""Sentences of notebook 08 about signs, orders and equivalence, on stored results."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from sngr_utils import paths
+from sngr_utils.experiments.estimators import BATCH, METHODS
+from sngr_utils.experiments.online_variants import NAME, PARTS
+from sngr_utils.metrics import summaries
+from sngr_utils.publish.results import results_in
+
+LEVELS, PEERS = ("0", "0.1", "0.2", "0.4", "0.5"), ("0.1", "0.2", "0.4", "0.5")
+KINDS = ("ratio", "graph", "filtered", "landmark_ratio")
+FORGET = ("huber", "cauchy", "dcs", "gnc_tls", "gnc_gm", "switchable", "max_mixture_null")
+SLOW = ("sngr", "fastslam")
+RIVALS = [method for method in METHODS if method not in ("oracle", *SLOW)]
+
+
+def of_ablation(name, nets):
+    return f"online.ablation.p0.4.{name.replace(' ', '_')}.{'nets' if nets else 'bare'}"
+
+
+ASKED = (
+    {f"online.p{p}.{kind}" for p in LEVELS for kind in KINDS}
+    | {f"online.{method}.p{p}.ratio" for method in RIVALS for p in PEERS}
+    | {f"online.{method}.p0.4.ratio" for method in SLOW}
+    | {f"online.{BATCH}.p{p}.{kind}" for p in LEVELS for kind in ("ratio", "landmark_ratio")}
+    | {f"online.{BATCH}.p0.4.filtered", "online.oracle.p0.4.nees", "online.p0.4.nees"}
+    | {f"online.p{p}.nested" for p in ("0", "0.1", "0.5")}
+    | {of_ablation(name, nets) for name in PARTS for nets in (True, False)}
+    | {
+        f"online.slip.{method}.{what}"
+        for method in (NAME, "trusting", "cauchy", BATCH)
+        for what in ("ratio", "rmse")
+    }
+)
+RESULTS = results_in(paths.REFERENCE)
+
+
+def worlds(key):
+    return np.array(RESULTS[key]["sample"], dtype=float)
+
+
+def interval(values):
+    return summaries.median_and_interval(pd.Series(values))
+
+
+@pytest.mark.parametrize("p", LEVELS)
+def test_final_errors_are_those_of_the_oracle_and_online_and_batch_are_equivalent(p):
+    """By intervals, not by a large p-value: 2 % for the pair, 5 % from the oracle."""
+    online, batch = worlds(f"online.p{p}.ratio"), worlds(f"online.{BATCH}.p{p}.ratio")
+    pair = interval(batch / online)
+    assert 0.98 < pair.low <= pair.high < 1.02
+    for ratio in (online, batch):
+        alone = interval(ratio)
+        assert 0.95 < alone.low <= alone.high < 1.05
+
+
+@pytest.mark.parametrize("p", LEVELS)
+def test_so_are_the_graph_alone_the_landmarks_and_nearly_the_newest_poses(p):
+    for kind, most in (("graph", 1.05), ("landmark_ratio", 1.05), ("filtered", 1.08)):
+        found = interval(worlds(f"online.p{p}.{kind}"))
+        assert 0.95 < found.low <= found.high < most, kind
+    landmarks = interval(worlds(f"online.{BATCH}.p{p}.landmark_ratio"))
+    assert 0.95 < landmarks.low <= landmarks.high < 1.05
+
+
+def test_on_the_way_batch_em_is_wrong_by_half_in_a_third_of_the_worlds_and_online_in_none():
+    online, batch = worlds("online.p0.4.filtered"), worlds(f"online.{BATCH}.p0.4.filtered")
+    assert 0.25 < np.mean(batch > 1.5) < 0.42
+    assert (online < 1.5).all()
+    assert batch.max() > 4
+    assert summaries.sign_test((batch > 1.5) * 1.0 - (online > 1.5))[2] < 0.05
+    rest = interval((online / batch)[batch < 1.5])
+    assert 0.95 < rest.low <= rest.high < 1.1
+
+
+def test_believers_are_worse_in_every_world():
+    for p in PEERS:
+        for peer in ("isam2", *(("sngr",) if p == "0.4" else ())):
+            assert (worlds(f"online.{peer}.p{p}.ratio") > worlds(f"online.p{p}.ratio")).all()
+
+
+def test_who_forgets_loses_more_the_more_there_is_to_forget():
+    for peer in FORGET:
+        first, last = (np.median(worlds(f"online.{peer}.p{p}.ratio")) for p in ("0.1", "0.5"))
+        assert 1 < first < last, peer
+
+
+def test_who_asks_stays_close():
+    for peer in (NAME, "em", BATCH, "max_mixture_all"):
+        here = "online" if peer == NAME else f"online.{peer}"
+        for p in PEERS:
+            assert np.median(worlds(f"{here}.p{p}.ratio")) < 1.1
+
+
+def test_nested_sampling_changes_nothing_and_is_hardly_asked():
+    for nets in (True, False):
+        whole, without = (worlds(of_ablation(n, nets)) for n in (NAME, "no nested sampling"))
+        assert without == pytest.approx(whole, rel=0.01)
+    for p in ("0", "0.1", "0.5"):
+        assert worlds(f"online.p{p}.nested").mean() < 1
+
+
+def test_with_nets_exclusion_is_missed_most_and_without_them_circles_reach_farther():
+    nets = {name: worlds(of_ablation(name, True)) for name in PARTS}
+    assert max(nets, key=lambda name: np.median(nets[name])) == "no exclusion in a scan"
+    assert sum(values.max() < 1.1 for values in nets.values()) >= len(PARTS) - 1
+    for name in ("landmarks as in the paper", "drop, no swap", "no second look"):
+        assert worlds(of_ablation(name, False)).max() > nets[name].max() + 0.3
+
+
+def test_slips():
+    ours, trusting = (worlds(f"online.slip.{method}.rmse") for method in (NAME, "trusting"))
+    assert 0.4 < ours.mean() / trusting.mean() < 0.65  # nearly half
+    lost = {m: np.sum(worlds(f"online.slip.{m}.ratio") > 1.5) for m in (NAME, "trusting", BATCH)}
+    assert lost[BATCH] == 0 < lost[NAME] < lost["trusting"]
