@@ -16,18 +16,22 @@ from sngr_utils.publish.notebooks import ProjectError
 
 # what reading a file that somebody spoiled may raise
 MALFORMED = (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError)
+READER = "sngr_utils/experiments/studies.py"  # of the rows that studies have committed
 STAMP = "inputs.json"  # what a finished run was made from, and the hashes of its files
 
 
 def inputs(name: str, params: dict[str, Any]) -> dict[str, str]:
     """Hashes of all that a notebook's results depend on."""
     modules = imported_files(name, notebooks.sources(name, code_only=True))
+    reads = READER in map(relative, modules)
+    studies = sorted((paths.PAPER / "studies").glob("*.json")) if reads else []
     return {
         "notebook": digest(notebooks.sources(name)),
         "params": digest(params),
         "package": digest([_text(path) for path in modules]),
         "printed_values": digest(_text(paths.PRINTED_VALUES)),
         "lock": digest(_text(paths.LOCK)),
+        **({"studies": digest([_text(path) for path in studies])} if studies else {}),
     }
 
 

@@ -45,6 +45,7 @@ def draw_paths(ax: Axes, truth: np.ndarray, paths: Mapping[str, np.ndarray]) -> 
     for (name, path), colour in zip(paths.items(), colours, strict=False):
         ax.plot(*aligned(path, truth).T, color=colour, lw=0.7, label=name)
     _metres(ax)
+    legend_above(ax)
 
 
 def draw_scale(
@@ -79,7 +80,7 @@ def draw_gaps(ax: Axes, gaps: pd.DataFrame) -> None:
         ax.plot(rows["poses"], rows["gap"], "o-", color=colour, label=name)
     ax.axhline(3, color=style.TRIGGERED, lw=0.6, ls=":", label="3 nats: 1 in 20")
     ax.set_yscale("symlog", linthresh=1)
-    ax.set(xlabel="poses driven", ylabel="second-best map worse by [nats]")
+    ax.set(xlabel="poses driven", ylabel="second-best map worse by [nats]", ylim=(-0.5, None))
     legend_above(ax)
 
 

@@ -1,14 +1,16 @@
 """Studies: resumed, published, and checked by sample, on a toy that takes no time."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 from toy_study import FACTOR, draw
 
-from sngr_utils.experiments import row_store, studies
+from sngr_utils.experiments import real_online, row_store, studies
 from sngr_utils.experiments.many_worlds import map_worlds
+from sngr_utils.files import plaza
 
 
 @pytest.fixture
@@ -81,7 +83,21 @@ def test_a_study_that_is_not_there_is_named(toy):
         check(toy)
 
 
-def test_the_registered_studies_run(monkeypatch):
-    for study in studies.STUDIES.values():
-        (row,) = map_worlds(study.task, study.cells[:1], 1)
-        row_store.text_of(row, "a row")
+@pytest.fixture
+def short_drives(monkeypatch):
+    """Whichever Plaza set is read has a few poses only."""
+    whole = plaza.read(plaza.wheel("Plaza2"))
+    log, truth = whole.log.first(130), whole.truth
+    sources = truth.source_of[: len(log.ranges)]
+    few = replace(whole, log=log, truth=replace(truth, poses=truth.poses[:130], source_of=sources))
+    monkeypatch.setattr(plaza, "read", lambda path: few)
+    real_online.found_in.cache_clear()
+    yield
+    real_online.found_in.cache_clear()
+
+
+@pytest.mark.parametrize("name", studies.STUDIES)
+def test_the_registered_studies_run(name, short_drives):
+    study = studies.STUDIES[name]
+    (row,) = map_worlds(study.task, study.cells[:1], 1)
+    row_store.text_of(row, "a row")

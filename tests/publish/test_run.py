@@ -427,6 +427,18 @@ def test_what_makes_results_stale(project):
     assert freshness.inputs(NAME, params) != before
 
 
+def test_rows_of_studies_make_those_stale_that_read_them(project):
+    params, declared = parameters.read_params(NAME), declared_cell(project)
+    rows = project / "paper/studies/toy.json"
+    rows.parent.mkdir()
+    for reader, told in (("", False), ("from sngr_utils.experiments import studies\n", True)):
+        write_notebook(project, declared, reader + BODY)
+        rows.write_text("[]")
+        before = freshness.inputs(NAME, params)
+        rows.write_text("[1]")
+        assert (freshness.inputs(NAME, params) != before) == told
+
+
 def add(project, files):
     """Write files of the package, given as name -> text; `slam/a.py` is in a sub-package."""
     for name, text in files.items():
