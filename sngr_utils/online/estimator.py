@@ -303,6 +303,8 @@ class Online:
         belief, restart = self.belief, self.settings.restart
         log, told, poses, _ = belief.whole()
         ours = self._fit(log, (poses, belief.landmarks), 1.0)
+        if restart:
+            ours = rivals.renamed(log, ours, self._fit)
         mine, gap = rivals.cost_of(log, ours), np.inf
         found = rivals.blind(log, self._fit, poses, belief.landmarks)
         others = [rivals.Rival(log, found, rivals.cost_of(log, found))]

@@ -21,6 +21,7 @@ from sngr_utils.world.log import NO_LABEL
 SLIP_ODDS = np.log(100.0)  # nats that a slip must gain: one step in a hundred slips
 FAR = 0.5  # times the longest range, sigma of a position after a slip
 RECENT = 8  # poses for which the place after a slip may be put in question
+SPARE = 2  # ranges that a slip must explain beyond what it can choose
 STEP_LIMIT = stats.chi2.ppf(1 - 1e-4, 3)  # squared normalised error of a step that slipped
 
 
@@ -100,8 +101,10 @@ def _find_slipped(belief: Belief, covariance: selected_inverse.ChainCovariance) 
             wide = np.append(far if free[0] else sigmas[:2], TURNED if free[1] else sigmas[2])
             found = relocalisation.search(part, mean, wide, ~free, last - step - 1)
             gain = found.log_evidence - trusted - odds
-            if gain > best:
-                best, choice = gain, (step, free, found.pose, part)
+            weights = relocalisation.sources(part, found.pose)
+            explained = np.sum(weights[:, :-1].max(axis=1) > data_association.RESOLVED)
+            if gain > best and explained >= 2 * free[0] + free[1] + SPARE:
+                best, choice = gain, (step, bool(free[1]), found.pose, weights)
     if choice is not None:
         _believe(belief, *choice)
 
@@ -115,13 +118,13 @@ def _stretch(belief: Belief, step: int, covariance: selected_inverse.ChainCovari
     return relocalisation.stretch(part, belief.poses[step + 1 :], landmarks, spread, belief.shares)
 
 
-def _believe(belief: Belief, step: int, free: np.ndarray, first: np.ndarray, part) -> None:
+def _believe(
+    belief: Belief, step: int, turned: bool, first: np.ndarray, weights: np.ndarray
+) -> None:
     """A step has slipped, and none after it; the poses behind it are elsewhere."""
-    later = np.flatnonzero(belief.slipped[step + 1 :]) + step + 1
-    belief.trust(later)
-    belief.distrust(step, turned=bool(free[1]))
+    belief.trust(np.flatnonzero(belief.slipped[step + 1 :]) + step + 1)
+    belief.distrust(step, turned)
     tail = relocalisation.moved(belief.poses[step + 1 :], first)
-    weights = relocalisation.sources(part, first)
     known = np.append(np.flatnonzero(belief.present & ~belief.in_doubt), data_association.DROPPED)
     fresh = known[np.argmax(weights, axis=1)]
     fresh[weights.max(axis=1) <= data_association.RESOLVED] = data_association.DROPPED
