@@ -68,7 +68,7 @@ def run_variants(
     one row per p, seed and variant, with the columns of `estimators.compare` (start "none"),
     then graph_rmse (of iSAM2's graph) and filtered_rmse (of each pose when it was the newest),
     [m], p_found, miscredited (ranges
-    credited to another landmark than they came from) and how often what was done, see
+    assigned to another landmark than they came from) and how often what was done, see
     `estimator.OnlineEstimate`
     """
     cases = [(scenario, conventions, settings, p, seed) for p in p_levels for seed in seeds]
@@ -166,7 +166,7 @@ class Frame:
     landmarks : (K, 2) ours, [m]; NaN for one not yet initialised
     clouds : landmark not yet initialised -> (P, 2) places from its posterior, [m]
     label_of, used, source_of : of the ranges of the newest pose: the landmark it is labelled
-        with, the one it is credited to (-1 for none), and the one it came from
+        with, the one it is assigned to (-1 for none), and the one it came from
     true_landmarks : (K, 2), [m]
     """
 
@@ -219,7 +219,7 @@ def _frame(
             clouds[int(k)] = cloud.samples[drawn]
     return Frame(
         data.poses[:, :2], belief.poses[:, :2], isam2.run_isam2(data, conventions).poses[:, :2],
-        belief.landmarks, clouds, data.label_of[newest], belief.credit.used[belief.newest],
+        belief.landmarks, clouds, data.label_of[newest], belief.assignment.used[belief.newest],
         data.source_of[newest], data.landmarks,
     )  # fmt: skip
 

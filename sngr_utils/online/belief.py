@@ -1,4 +1,4 @@
-"""What the online estimator holds: the newest poses, the map, and what each range is credited to.
+"""What the online estimator holds: the newest poses, the map, and what each range is assigned to.
 
 Nothing is decided here. `slips`, `landmarks` and `estimator` decide. Poses that have left the
 window are kept as they were then, and speak through `window.Past` only. Just over
@@ -12,7 +12,7 @@ import numpy as np
 
 from sngr_utils.detection import mirror_image
 from sngr_utils.online import data_association, localisation, window
-from sngr_utils.online.data_association import DROPPED, Credit
+from sngr_utils.online.data_association import DROPPED, Assignment
 from sngr_utils.robust import association
 from sngr_utils.robust.association import Shares
 from sngr_utils.sampling.targets import place
@@ -37,7 +37,7 @@ TURNED = np.pi / 2  # rad, sigma of the heading after a step that is not trusted
 
 @dataclass(frozen=True)
 class Left:
-    """Poses that have left the window: log, covariances as told, estimate, and credits."""
+    """Poses that have left the window: log, covariances as told, estimate, and assignments."""
 
     log: Log
     told: np.ndarray
@@ -55,7 +55,7 @@ class Belief:
     poses : (W, 3) estimated, [m, m, rad]; the newest may be a prediction, see `predict`
     landmarks : (K, 2) estimated, [m]; NaN for one that is not in the map
     in_doubt : (K,) bool, landmarks in the map of which the mirror image may be the true place
-    credit : to what each range of the window is credited, and the posterior of its source
+    assignment : to what each range of the window is assigned, and the posterior of its source
     shares : of wrong labels and of clutter, estimated
     slipped : (S,) bool, steps of the odometry that are not trusted
     left, past : poses before the window, and what they say of it
@@ -67,7 +67,7 @@ class Belief:
         self.log, self.told = first, first.odometry_covariances
         self.poses, self.landmarks = first.x0_mean[None].copy(), first.landmark_means.copy()
         self.in_doubt = np.zeros(first.n_landmarks, dtype=bool)
-        self.credit = data_association.nowhere(len(first.ranges), first.n_landmarks)
+        self.assignment = data_association.nowhere(len(first.ranges), first.n_landmarks)
         self.shares, self.slipped = PRIOR, np.zeros(0, dtype=bool)
         self.left: list[Left] = []
         self.past = window.nothing(first.n_landmarks)
@@ -100,14 +100,14 @@ class Belief:
     def predict(self, new: Log) -> None:
         """Take one pose more, `new` being the log of it and of the one before.
 
-        The pose is predicted, and its ranges are credited to nothing yet.
+        The pose is predicted, and its ranges are assigned to nothing yet.
         """
         if len(self.poses) >= 2 * WINDOW:
             self.shorten()
         fresh = data_association.nowhere(len(new.ranges), self.log.n_landmarks)
-        self.credit = Credit(
-            np.append(self.credit.used, fresh.used),
-            np.vstack([self.credit.weights, fresh.weights]),
+        self.assignment = Assignment(
+            np.append(self.assignment.used, fresh.used),
+            np.vstack([self.assignment.weights, fresh.weights]),
         )
         newest = dead_reckoning(self.poses[-1], new.odometry)[-1]
         self.log, self.poses = self.log.joined(new), np.vstack([self.poses, newest])
@@ -116,9 +116,9 @@ class Belief:
         self.longest = max(self.longest, float(new.ranges.max(initial=0.0)))
 
     def move_newest(self, poses: np.ndarray, used: np.ndarray) -> None:
-        """The last poses elsewhere, (N, 3) [m, m, rad], and all ranges credited so."""
+        """The last poses elsewhere, (N, 3) [m, m, rad], and all ranges assigned so."""
         self.poses[-len(poses) :] = poses
-        self.credit = Credit(used, self.credit.weights)
+        self.assignment = Assignment(used, self.assignment.weights)
 
     def distrust(self, steps: np.ndarray, turned: bool) -> None:
         """Let steps of the odometry err by as much as the longest range, perhaps in heading too."""
@@ -138,28 +138,28 @@ class Belief:
     # --- ranges and landmarks ---------------------------------------------------------------
 
     def use(self, used: np.ndarray) -> bool:
-        """Credit ranges so, and estimate anew if that has changed anything; has it?"""
-        changed = not np.array_equal(used, self.credit.used)
-        self.credit = Credit(used, self.credit.weights)
+        """Assign ranges so, and estimate anew if that has changed anything; has it?"""
+        changed = not np.array_equal(used, self.assignment.used)
+        self.assignment = Assignment(used, self.assignment.weights)
         if changed:
             self.solve()
         return changed
 
     def insert(self, k: int, position: np.ndarray, used: np.ndarray) -> None:
-        """Start landmark k, with the ranges that `used` credits to it."""
+        """Start landmark k, with the ranges that `used` assigns to it."""
         self.landmarks[k] = position
-        self.credit = Credit(used, self.credit.weights)
+        self.assignment = Assignment(used, self.assignment.weights)
         self.solve()
 
     def remove(self, k: int) -> None:
         """Take out landmark k with its ranges."""
         self.landmarks[k], self.in_doubt[k] = np.nan, False
         self.past = window.without(self.past, k)
-        self.use(np.where(self.credit.used == k, DROPPED, self.credit.used))
+        self.use(np.where(self.assignment.used == k, DROPPED, self.assignment.used))
 
     def solve(self) -> None:
-        """Estimate the window anew, ranges taken as they are credited."""
-        chain = self._chain(self.log, self.poses, self.landmarks, self.credit.used, self.n_left)
+        """Estimate the window anew, ranges taken as they are assigned."""
+        chain = self._chain(self.log, self.poses, self.landmarks, self.assignment.used, self.n_left)
         at = chain_solver.state_of(chain, self.poses, self.landmarks)
         at, _ = window.minimise(chain, self.past, at)
         self.poses, self.landmarks = information.poses_of(at.frames), at.landmarks
@@ -172,7 +172,7 @@ class Belief:
         gap : negative if the image is the better place, infinite if there is none
         poses, landmarks : (W, 3) and (K, 2), with the image
         """
-        mine = self.credit.used == k
+        mine = self.assignment.used == k
         anchors = self.poses[self.log.pose_of[mine], :2]
         if len(anchors) < 2:
             return 0.0, self.poses, self.landmarks
@@ -188,7 +188,7 @@ class Belief:
 
     def settled(self, landmarks: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         """Cost [nats], (W, 3) poses and (K, 2) landmarks at the minimum from other landmarks."""
-        chain = self._chain(self.log, self.poses, landmarks, self.credit.used, self.n_left)
+        chain = self._chain(self.log, self.poses, landmarks, self.assignment.used, self.n_left)
         at = chain_solver.state_of(chain, self.poses, landmarks)
         at, least = window.minimise(chain, self.past, at)
         return least, information.poses_of(at.frames), at.landmarks
@@ -215,19 +215,19 @@ class Belief:
         """Sum up the first n poses of the window, and keep them as they are."""
         early = self.log.pose_of < n
         first = self.log.keep(early).first(n + 1)
-        used, poses = self.credit.used[early], self.poses[: n + 1]
+        used, poses = self.assignment.used[early], self.poses[: n + 1]
         chain = self._chain(first, poses, self.landmarks, used, self.n_left)
         chain = chain._replace(landmark_information=np.zeros(len(self.landmarks)))
         at = chain_solver.state_of(chain, poses, self.landmarks)
         self.past = window.marginalise(chain, self.past, at)
         self.left.append(Left(first, self.told[:n], poses[:-1], used))
         self.log, self.poses = self.log.after(n), self.poses[n:]
-        self.credit = Credit(self.credit.used[~early], self.credit.weights[~early])
+        self.assignment = Assignment(self.assignment.used[~early], self.assignment.weights[~early])
         self.told, self.slipped = self.told[n:], self.slipped[n:]
 
     def whole(self) -> tuple[Log, np.ndarray, np.ndarray, np.ndarray]:
-        """The log of all poses, covariances of its steps as told, (T, 3) poses, (M,) credits."""
-        parts = [*self.left, Left(self.log, self.told, self.poses, self.credit.used)]
+        """The log of all poses, covariances of its steps as told, (T, 3) poses, (M,) sources."""
+        parts = [*self.left, Left(self.log, self.told, self.poses, self.assignment.used)]
         log = parts[0].log
         for part in parts[1:]:
             log = log.joined(part.log)
@@ -237,13 +237,13 @@ class Belief:
         )
 
     def adopt(self, log: Log, told: np.ndarray, poses, landmarks, used: np.ndarray) -> None:
-        """Another estimate of the whole, as `whole` gives it, in one window; and its credits."""
+        """Another estimate of the whole, as `whole` gives it, in one window; and its sources."""
         self.log, self.told = log, told
         self.slipped = (log.odometry_covariances != told).any(axis=(1, 2))
         self.left, self.past = [], window.nothing(log.n_landmarks)
         self.poses, self.landmarks = poses, landmarks.copy()
         weights = np.eye(log.n_landmarks + 1)[used]
-        self.credit = Credit(used, weights)
+        self.assignment = Assignment(used, weights)
         self.solve()
 
     # --- uncertainty ------------------------------------------------------------------------
@@ -255,7 +255,7 @@ class Belief:
         ----------
         anchored : given the first pose, so that what all places err by in common is left out
         """
-        chain = self._chain(self.log, self.poses, self.landmarks, self.credit.used, self.n_left)
+        chain = self._chain(self.log, self.poses, self.landmarks, self.assignment.used, self.n_left)
         at = chain_solver.state_of(chain, self.poses, self.landmarks)
         window.cost(chain, self.past, at)
         system = window.linearise(chain, self.past, at)
@@ -269,13 +269,13 @@ class Belief:
     ) -> data_association.Innovations:
         """Innovations of all ranges of the window at the estimate that has `covariance`."""
         return data_association.innovations(
-            self.log, self.poses, self.landmarks, self.credit.used, covariance
+            self.log, self.poses, self.landmarks, self.assignment.used, covariance
         )
 
-    def credit_fitting(
+    def assign_fitting(
         self, m: np.ndarray, k: np.ndarray, mode: localisation.Mode, evidence: place.Evidence
     ) -> np.ndarray:
-        """(M,) credits with those pairs of a range and a landmark that fit a mode.
+        """(M,) assignments with those pairs of a range and a landmark that fit a mode.
 
         Parameters
         ----------
@@ -287,7 +287,7 @@ class Belief:
         fit = localisation.fitting(evidence, mode.mean, evidence.variances + spread)
         pairs = np.column_stack([self.log.pose_of[m], k])
         _, first = np.unique(pairs[fit], axis=0, return_index=True)  # a landmark once in a scan
-        used = self.credit.used.copy()
+        used = self.assignment.used.copy()
         used[m[fit][first]] = k[fit][first]
         return used
 

@@ -1,4 +1,4 @@
-"""To which landmark each range is credited: innovations, gate, posterior, decision.
+"""To which landmark each range is assigned: innovations, gate, posterior, decision.
 
 A range that passes the gate of the landmark it is labelled with keeps its label at no cost. One
 that does not puts its whole scan in question: then all ranges of the scan are weighed against
@@ -18,8 +18,8 @@ from sngr_utils.world.log import NO_LABEL, Log
 GATE = stats.chi2.ppf(0.99, 1)  # squared normalised innovation that puts a range in question
 IMPOSSIBLE = stats.chi2.ppf(1 - 1e-6, 1)  # and one that no right range has
 VAGUE = 5.0  # range sigmas, of a prediction above which it cannot tell landmarks apart
-RESOLVED = 0.6  # posterior above which a range is credited to a landmark
-DROPPED = -1  # the label of a range that is credited to none
+RESOLVED = 0.6  # posterior above which a range is assigned to a landmark
+DROPPED = -1  # the label of a range that is assigned to none
 
 
 @dataclass(frozen=True)
@@ -42,12 +42,12 @@ class Innovations:
 
 
 @dataclass(frozen=True)
-class Credit:
+class Assignment:
     """What was decided about M ranges and K landmarks.
 
     Attributes
     ----------
-    used : (M,) int, landmark each range is credited to, or `DROPPED`
+    used : (M,) int, landmark each range is assigned to, or `DROPPED`
     weights : (M, K+1) posterior of its source, the last column that of none in the map
     """
 
@@ -55,10 +55,10 @@ class Credit:
     weights: np.ndarray
 
 
-def nowhere(n_ranges: int, n_landmarks: int) -> Credit:
-    """Ranges that are credited to no landmark, all of which are yet to be found."""
+def nowhere(n_ranges: int, n_landmarks: int) -> Assignment:
+    """Ranges that are assigned to no landmark, all of which are yet to be found."""
     used = np.full(n_ranges, DROPPED)
-    return Credit(used, np.eye(n_landmarks + 1)[used])  # the last column for -1
+    return Assignment(used, np.eye(n_landmarks + 1)[used])  # the last column for -1
 
 
 def innovations(
@@ -70,7 +70,7 @@ def innovations(
     Parameters
     ----------
     poses, landmarks : the estimate, (T, 3) and (K, 2)
-    used : (M,) int, landmark each range is credited to in the graph that has `covariance`
+    used : (M,) int, landmark each range is assigned to in the graph that has `covariance`
 
     Source: prediction without one measurement, from the estimate with it: Cook & Weisberg,
     Residuals and Influence in Regression, 1982, section 2.2.
@@ -98,15 +98,15 @@ def innovations(
 def decide(
     log: Log, found: Innovations, used: np.ndarray, shares: association.Shares,
     exclusive: bool, swap: bool,
-) -> Credit:  # fmt: skip
-    """Credit every range anew: label kept, swapped for a likelier one, or dropped.
+) -> Assignment:  # fmt: skip
+    """Assign every range anew: label kept, swapped for a likelier one, or dropped.
 
     Scans without a doubt keep their labels. In the others a range goes to the landmark that has
     more than `RESOLVED` of its posterior, if it is not impossible there, and to none otherwise.
 
     Parameters
     ----------
-    used : (M,) int, landmark each range is credited to so far, or `DROPPED`
+    used : (M,) int, landmark each range is assigned to so far, or `DROPPED`
     shares : of wrong labels and of clutter
     exclusive : the ranges of a scan come from different landmarks
     swap : a range may go to another landmark than that of its label
@@ -115,13 +115,13 @@ def decide(
     rows = np.arange(len(log.ranges))
     sharp = found.variances < (VAGUE * log.range_sigmas[:, None]) ** 2
     with np.errstate(invalid="ignore"):
-        sure = (label_of != NO_LABEL) & ((squared < GATE) & sharp)[rows, label_of]
-    doubtful = ~sure | (used != label_of) | (_repeated(log, sure) if exclusive else False)
-    used = np.where(sure, label_of, DROPPED)
+        plain = (label_of != NO_LABEL) & ((squared < GATE) & sharp)[rows, label_of]
+    doubtful = ~plain | (used != label_of) | (_repeated(log, plain) if exclusive else False)
+    used = np.where(plain, label_of, DROPPED)
     weights = np.eye(n_landmarks + 1)[label_of]
     asked = np.flatnonzero(np.isin(log.pose_of, log.pose_of[doubtful]))
     if len(asked) == 0:
-        return Credit(used, weights)
+        return Assignment(used, weights)
     logs = association.log_joint(log, found.residuals, found.variances, shares)[asked]
     weights[asked] = (
         mutual_exclusion.exclusive_posterior(logs, log.pose_of[asked])
@@ -136,7 +136,7 @@ def decide(
     if not swap:
         good &= best == label_of[asked]
     used[asked] = np.where(good, best, DROPPED)
-    return Credit(used, weights)
+    return Assignment(used, weights)
 
 
 def _repeated(log: Log, marked: np.ndarray) -> np.ndarray:

@@ -1,10 +1,11 @@
 """Association-aware SNGR, online: at every pose it knows what came before, and nothing else.
 
-One step (`Online.step`): predict the new pose, and doubt the odometry if the scan does; credit
-the ranges; start landmarks whose place has become known; credit all earlier ranges anew; start
-anew what went wrong. Non-Gaussian inference is asked two things only: where a landmark is, and
-where the robot is when its scan contradicts the odometry. Many starts answer, and nested sampling
-is the referee. More than 300 lines: the settings, the step and the result in one place.
+One step (`Online.step`): predict the new pose, and doubt the odometry if the scan does; assign
+the ranges; start landmarks whose place has become known; assign all earlier ranges anew; start
+anew what went wrong. Non-Gaussian inference is asked where a landmark is, and where the robot is
+when its prediction tells no landmarks apart: many starts, and nested sampling where their
+importance weights are unreliable. More than 300 lines: the settings, the step and the result in
+one place.
 """
 
 import warnings
@@ -33,7 +34,7 @@ from sngr_utils.world.log import Log, Measurements
 
 SWEEPS = 3  # over all ranges, at most, per step
 PATIENCE = 5  # poses between two looks at all ranges
-MOST_LOST = 0.1  # share of all ranges that may be credited to none
+MOST_LOST = 0.1  # share of all ranges that may be assigned to none
 MORE = 1.25  # times as many poses as at the last look at all data, beyond the window
 P_PRIOR = (2.0, 8.0)  # wrong and right labels that count as seen before the first
 BETTER = 1.0  # nats that an estimate of EM must gain to be adopted
@@ -42,12 +43,12 @@ BETTER = 1.0  # nats that an estimate of EM must gain to be adopted
 class Settings(Checked):
     """What can be switched off, to see what it is worth; the defaults are the method.
 
-    nested : nested sampling is the referee where many starts are not sound; else there is none
-    delayed : a landmark waits until its posterior has one mode; else it starts by least squares
+    nested : nested sampling where importance sampling from many starts is unreliable
+    delayed : a landmark is initialised only when its posterior is unimodal; else by least squares
         on its first three poses, as in the paper
     exclusive : no two ranges of a scan come from the same landmark
-    swap : a range may be credited to another landmark than its label's, not only dropped
-    sweep : earlier ranges are credited anew at every step
+    swap : a range may be assigned to another landmark than its label's, not only dropped
+    sweep : earlier ranges are assigned anew at every step
     restart : in trouble, EM over all data so far is tried, and adopted where it is likelier
     doubt_odometry : a scan may overrule the odometry
     soft : what is read out at the end, estimate and covariance, admits that associations are
@@ -76,14 +77,14 @@ class OnlineEstimate:
     landmarks : (K, 2), [m]; NaN for one that is not started
     landmark_covariances : (K, 2, 2), [m^2]
     in_doubt : (K,) bool, landmarks whose place is open, or whose mirror image is as likely
-    graph_poses : (T, 3) those that take the credits for certain
-    used : (M,) int, landmark each range is credited to, -1 for none
+    graph_poses : (T, 3) those that take the assignments for certain
+    used : (M,) int, landmark each range is assigned to, -1 for none
     position_covariances : (T, 2, 2) in the world frame, [m^2]
     p, clutter : shares of wrong labels and of ranges from no landmark, estimated
     filtered : (T, 3) each pose as estimated when it was the newest, [m, m, rad]
     counts : how often: "landmark questions" and "position questions" (put to many starts, by
         reason), "landmark samples" and "position samples" (referred to nested sampling), "mirror
-        waits" (landmarks left to wait by the mirror test, without a run),
+        waits" (initialisation delayed by the mirror test, without a run),
         "landmark restarts", "batch trials" and "batch restarts" (EM tried and adopted), "slips",
         and of all ranges at the end "swapped" and "dropped"
     diagnosis : what there is to doubt, see `diagnosis.Diagnosis`
@@ -163,13 +164,13 @@ class Online:
         if settings.doubt_odometry:
             slips.find_robot(belief, settings.nested, rng=self.rng)
         belief.solve()
-        predicted = self._credit(newest_only=not settings.sweep)
+        predicted = self._assign(newest_only=not settings.sweep)
         start_landmarks(belief, settings.nested, settings.delayed, rng=self.rng)
         if settings.sweep:
             for _ in range(SWEEPS):
-                before = belief.credit.used
-                self._credit()
-                if np.array_equal(before, belief.credit.used):
+                before = belief.assignment.used
+                self._assign()
+                if np.array_equal(before, belief.assignment.used):
                     break
         if settings.doubt_odometry:
             slips.doubt_steps(belief)
@@ -178,25 +179,30 @@ class Online:
             self._restart()
         self.filtered.append(belief.poses[-1])
         if predicted is not None and len(belief.newest):
-            used = belief.credit.used[belief.newest]
+            used = belief.assignment.used[belief.newest]
             squared = predicted.squared[-len(used) :][np.arange(len(used)), used]
             self.held_out.append(squared[(used != DROPPED) & np.isfinite(squared)])
 
-    def _credit(self, newest_only: bool = False) -> data_association.Innovations | None:
-        """Credit the ranges anew; returns their innovations, as they were before."""
+    def _assign(self, newest_only: bool = False) -> data_association.Innovations | None:
+        """Assign the ranges anew; returns their innovations, as they were before."""
         belief, settings = self.belief, self.settings
         if not belief.present.any() or len(belief.log.ranges) == 0:
             return None
         found = belief.innovations(belief.covariance())
-        credit = data_association.decide(
-            belief.log, found, belief.credit.used, belief.shares, settings.exclusive, settings.swap
+        assignment = data_association.decide(
+            belief.log,
+            found,
+            belief.assignment.used,
+            belief.shares,
+            settings.exclusive,
+            settings.swap,
         )
-        belief.shares = self._shares(credit.weights)
-        used = credit.used
+        belief.shares = self._shares(assignment.weights)
+        used = assignment.used
         if newest_only:
-            used = belief.credit.used.copy()
-            used[belief.newest] = credit.used[belief.newest]
-        belief.credit = data_association.Credit(belief.credit.used, credit.weights)
+            used = belief.assignment.used.copy()
+            used[belief.newest] = assignment.used[belief.newest]
+        belief.assignment = data_association.Assignment(belief.assignment.used, assignment.weights)
         belief.use(used)
         return found
 
@@ -217,7 +223,7 @@ class Online:
         belief, t = self.belief, self.belief.n_poses - 1
         if t > 2 * WINDOW and t < MORE * self.last_batch:
             return False
-        lost = belief.credit.used == DROPPED
+        lost = belief.assignment.used == DROPPED
         scan = lost[belief.newest]
         newest_lost = belief.present.all() and len(scan) > 0 and np.mean(scan) >= 0.5
         expected = MOST_LOST + belief.shares.clutter
@@ -250,7 +256,7 @@ class Online:
         return em.fit(log, loose, start, exclusive=exclusive, clutter=True, widest=widest)
 
     def _adopt(self, log: Log, told: np.ndarray, found: em.SoftEstimate) -> None:
-        """Believe an estimate of the whole; a landmark that it places from few poses waits."""
+        """Believe an estimate of the whole; a landmark placed from few poses is not initialised."""
         best = np.argmax(found.weights, axis=1)
         good = (best < log.n_landmarks) & (found.weights.max(axis=1) > data_association.RESOLVED)
         if not self.settings.swap:
@@ -303,6 +309,8 @@ class Online:
         belief, restart = self.belief, self.settings.restart
         log, told, poses, _ = belief.whole()
         ours = self._fit(log, (poses, belief.landmarks), 1.0)
+        if restart:
+            ours = rivals.renamed(log, ours, self._fit)
         mine, gap = rivals.cost_of(log, ours), np.inf
         found = rivals.blind(log, self._fit, poses, belief.landmarks)
         others = [rivals.Rival(log, found, rivals.cost_of(log, found))]

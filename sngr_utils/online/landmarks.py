@@ -1,8 +1,8 @@
-"""Landmarks that wait: started where their posterior has one mode, and taken out if it was wrong.
+"""Delayed initialisation of landmarks: started where their posterior has one mode, and taken out if it was wrong.
 
 A landmark seen from a short arc has a mirror image. The mirror test says so without sampling.
 Where it sees one place, many starts say whether that is all, and where they would start a
-landmark on weights that are not sound, nested sampling is the referee.
+landmark on weights that are not sound, nested sampling decides.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ from sngr_utils.slam import landmark_starts
 POSES_NEEDED = 4  # with three of a short arc, the mirror image is always there
 LONG = 8  # poses from which a landmark that is seen may enter on one of two sides
 DECIDED = np.log(99.0)  # nats by which one of them is worse, for the other to be believed
-LIKELY = 0.2  # probability that makes a range a witness of a landmark that waits
+LIKELY = 0.2  # probability that makes a range a witness of a landmark not yet initialised
 FEWEST_USED = 0.5  # share of the expected uses of its label below which a landmark is taken out
 YOUNG = 10  # labels that it must have had before it is judged
 
@@ -31,7 +31,7 @@ def start_landmarks(
 
     Parameters
     ----------
-    by_nested : have the referee; else what many starts say stands
+    by_nested : ask nested sampling in doubt; else what many starts say stands
     delayed : wait until one mode holds the posterior; else start as the paper does
     """
     for k in np.flatnonzero(~belief.present):
@@ -43,7 +43,7 @@ def start_landmarks(
             continue
         found = _locate(belief, evidence, by_nested, rng) if delayed else _first_poses(evidence)
         if found is not None:
-            used = belief.credit_fitting(mine, np.full(len(mine), k), found, evidence)
+            used = belief.assign_fitting(mine, np.full(len(mine), k), found, evidence)
             belief.insert(k, found.mean, used)
             belief.in_doubt[k] = found.mass <= localisation.ENOUGH_MASS
 
@@ -97,12 +97,12 @@ def turn_over(belief: Belief) -> None:
 
 
 def _votes(belief: Belief, k: int, spot: np.ndarray) -> float:
-    """Log-likelihood of the ranges labelled k that are credited to nothing, [nats].
+    """Log-likelihood of the ranges labelled k that are assigned to nothing, [nats].
 
     Were landmark k at a (2,) spot, where it is not believed to be, some of them might fit.
     """
     log = belief.log
-    mine = np.flatnonzero((log.label_of == k) & (belief.credit.used == DROPPED))
+    mine = np.flatnonzero((log.label_of == k) & (belief.assignment.used == DROPPED))
     if len(mine) == 0:
         return 0.0
     poses, wrong = log.pose_of[mine], 1 - (1 - belief.shares.wrong) * (1 - belief.shares.clutter)
@@ -126,14 +126,14 @@ def witnesses(
 ) -> tuple[np.ndarray, place.Evidence | None]:
     """The ranges that may well be landmark k's, and what they say; None if from too few poses.
 
-    They are credited to no landmark so far, and the label and the others that wait leave k a
-    fair chance.
+    They are assigned to no landmark so far, and the label and the others not yet initialised leave
+    k a fair chance.
     """
     log, absent = belief.log, ~belief.present
     prior = np.exp(association.log_prior(log, belief.shares))
     open_to = prior[:, np.append(absent, True)].sum(axis=1)  # those that wait, and no landmark
-    chances = belief.credit.weights[:, -1] * prior[:, k] / np.maximum(open_to, 1e-300)
-    mine = np.flatnonzero((belief.credit.used == DROPPED) & (chances > LIKELY))
+    chances = belief.assignment.weights[:, -1] * prior[:, k] / np.maximum(open_to, 1e-300)
+    mine = np.flatnonzero((belief.assignment.used == DROPPED) & (chances > LIKELY))
     seen_from = log.pose_of[mine]
     if len(np.unique(seen_from)) < least:
         return mine, None
@@ -146,10 +146,10 @@ def witnesses(
 
 
 def drop_landmarks(belief: Belief) -> None:
-    """Take out a landmark that the ranges of its own label do not use: it waits again."""
+    """Take out a landmark that the ranges of its own label do not use: it is initialised anew."""
     for k in np.flatnonzero(belief.present & np.isnan(belief.log.landmark_sigmas)):
         labelled = belief.log.label_of == k
-        used = np.sum(labelled & (belief.credit.used == k))
+        used = np.sum(labelled & (belief.assignment.used == k))
         expected = (1 - belief.shares.wrong) * (1 - belief.shares.clutter) * labelled.sum()
         if labelled.sum() >= YOUNG and used < FEWEST_USED * expected:
             belief.remove(k)

@@ -13,13 +13,15 @@ import numpy as np
 
 from sngr_utils.online import relocalisation, slips
 from sngr_utils.online.belief import TURNED, cost
-from sngr_utils.robust import em
+from sngr_utils.robust import em, growing_map
 from sngr_utils.robust.em import SoftEstimate
 from sngr_utils.slam import landmark_starts
 from sngr_utils.world.dead_reckoning import dead_reckoning
-from sngr_utils.world.log import Log
+from sngr_utils.world.log import NO_LABEL, Log
 
 SCANS = 8  # next to the slip, by which the shorter part is localised
+OPEN = 0.5  # probability of no landmark that frees a range for one that starts again
+MANY = 0.1  # share of the ranges that no landmark explains
 APART = 5.0  # range sigmas, between two places of a landmark that are not the same
 
 Fit = Callable[[Log, tuple[np.ndarray, np.ndarray], float], SoftEstimate]
@@ -42,7 +44,7 @@ def cost_of(log: Log, found: SoftEstimate) -> float:
 
 
 def blind(log: Log, fit: Fit, poses: np.ndarray, known: np.ndarray) -> SoftEstimate:
-    """The best estimate by EM from dead reckoning, or from (T, 3) poses, and a grid.
+    """The best estimate by EM from dead reckoning, or from (T, 3) poses, and a grid; repaired.
 
     Parameters
     ----------
@@ -56,7 +58,42 @@ def blind(log: Log, fit: Fit, poses: np.ndarray, known: np.ndarray) -> SoftEstim
     for start, places in starts:
         grid = landmark_starts.start_landmarks(log, start, "grid")
         fits.append(fit(log, (start, np.where(np.isnan(places), grid, places)), em.WIDEST))
-    return min(fits, key=lambda found: cost_of(log, found))
+    best = min(fits, key=lambda found: cost_of(log, found))
+    return renamed(log, repaired(log, best, fit) if _wanting(best) else best, fit)
+
+
+def _wanting(found: SoftEstimate) -> bool:
+    """Is a landmark absent, or are there many ranges that none explains?"""
+    return bool(np.isnan(found.landmarks).any() or found.weights[:, -1].mean() > MANY)
+
+
+def repaired(log: Log, found: SoftEstimate, fit: Fit) -> SoftEstimate:
+    """The estimate with landmarks started again, one by one, where that makes it likelier.
+
+    Those that are absent come first, and start by their labels. Then each starts from all ranges
+    that are its own or that nothing explains: whatever they are labelled, they are nobody else's.
+    """
+    absent = np.isnan(found.landmarks[:, 0])
+    unlabelled = log._with(label_of=np.full(len(log.ranges), NO_LABEL), label_probabilities=None)
+    for lost in [absent, *np.eye(log.n_landmarks, dtype=bool)]:
+        nobodys = found.weights[:, -1] > OPEN
+        free = nobodys | lost[np.minimum(np.argmax(found.weights, axis=1), log.n_landmarks - 1)]
+        places = np.where(lost[:, None], np.nan, found.landmarks)
+        asked = log if lost is absent else unlabelled
+        places = growing_map.start_missing(asked, found.poses, places, free)
+        if lost.any() and not np.array_equal(places, found.landmarks, equal_nan=True):
+            other = fit(log, (found.poses, places), growing_map.LAST)
+            found = min(found, other, key=lambda one: cost_of(log, one))
+    return found
+
+
+def renamed(log: Log, found: SoftEstimate, fit: Fit) -> SoftEstimate:
+    """The estimate with landmarks exchanged as labels have it, if it is likelier so."""
+    places = growing_map.named(log, found)
+    if np.array_equal(places, found.landmarks, equal_nan=True):
+        return found
+    other = fit(log, (found.poses, places), 1.0)
+    return min(found, other, key=lambda one: cost_of(log, one))
 
 
 def with_a_slip(log: Log, fit: Fit) -> Rival | None:
@@ -120,5 +157,6 @@ def differ(log: Log, one: SoftEstimate, other: SoftEstimate) -> bool:
     moved = one.poses[:, :2] - other.poses[:, :2]
     squared = np.einsum("ti,tij,tj->t", moved, np.linalg.inv(one.position_covariances), moved)
     places = np.linalg.norm(one.landmarks - other.landmarks, axis=1)
-    far = np.nanmax(np.append(places, 0.0)) > APART * np.median(log.range_sigmas)
-    return bool(squared.mean() > 1.0 or far)
+    far = (places > APART * np.median(log.range_sigmas)).any()
+    absent = np.isnan(one.landmarks[:, 0]) != np.isnan(other.landmarks[:, 0])
+    return bool(squared.mean() > 1.0 or far or absent.any())

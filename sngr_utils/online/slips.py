@@ -21,6 +21,8 @@ from sngr_utils.world.log import NO_LABEL
 SLIP_ODDS = np.log(100.0)  # nats that a slip must gain: one step in a hundred slips
 FAR = 0.5  # times the longest range, sigma of a position after a slip
 RECENT = 8  # poses for which the place after a slip may be put in question
+MOST = 0.75  # of the ranges of a scan: a prediction that explains more is not questioned
+SPARE = 2  # ranges that a slip must explain beyond what it can choose
 STEP_LIMIT = stats.chi2.ppf(1 - 1e-4, 3)  # squared normalised error of a step that slipped
 
 
@@ -62,7 +64,7 @@ def _find_lost(
     if best.mass > localisation.ENOUGH_MASS:
         tail = belief.poses[_last_good(belief) + 1 :].copy()
         tail[:, :2] += best.mean - tail[-1, :2]
-        belief.move_newest(tail, belief.credit_fitting(m, k, best, evidence))
+        belief.move_newest(tail, belief.assign_fitting(m, k, best, evidence))
 
 
 def _scan_evidence(
@@ -82,6 +84,8 @@ def _scan_evidence(
 def _find_slipped(belief: Belief, covariance: selected_inverse.ChainCovariance) -> None:
     """Move the newest poses where the likeliest hypothesis of a slip has them, if there is one."""
     last, good = len(belief.poses) - 1, _last_good(belief)
+    if _explained(belief, last - 1, covariance):
+        return
     recent = [s for s in np.flatnonzero(belief.slipped) if s >= last - RECENT]
     steps = dict.fromkeys(recent, 0.0) | {
         s: SLIP_ODDS for s in (good - 1, good) if s >= 0 and s not in recent
@@ -99,11 +103,21 @@ def _find_slipped(belief: Belief, covariance: selected_inverse.ChainCovariance) 
                 continue  # one scan does not tell a heading
             wide = np.append(far if free[0] else sigmas[:2], TURNED if free[1] else sigmas[2])
             found = relocalisation.search(part, mean, wide, ~free, last - step - 1)
-            gain = found.log_evidence - trusted - odds
-            if gain > best:
-                best, choice = gain, (step, free, found.pose, part)
+            gain = found.log_evidence - trusted - odds - SLIP_ODDS * free.all()
+            weights = relocalisation.sources(part, found.pose)
+            explained = np.sum(weights[:, :-1].max(axis=1) > data_association.RESOLVED)
+            if gain > best and explained >= 2 * free[0] + free[1] + SPARE:
+                best, choice = gain, (step, bool(free[1]), found.pose, weights)
     if choice is not None:
         _believe(belief, *choice)
+
+
+def _explained(belief: Belief, step: int, covariance: selected_inverse.ChainCovariance) -> bool:
+    """Does the pose after a step, near its prediction, explain most ranges since, by any labels?"""
+    part, mean = _stretch(belief, step, covariance), belief.poses[step + 1]
+    found = relocalisation.refined(part, mean, mean, np.sqrt(np.diag(covariance.poses[step + 1])))
+    weights = relocalisation.sources(part, found.pose)[:, :-1].max(axis=1)
+    return bool(np.mean(weights > data_association.RESOLVED) > MOST)
 
 
 def _stretch(belief: Belief, step: int, covariance: selected_inverse.ChainCovariance):
@@ -115,17 +129,17 @@ def _stretch(belief: Belief, step: int, covariance: selected_inverse.ChainCovari
     return relocalisation.stretch(part, belief.poses[step + 1 :], landmarks, spread, belief.shares)
 
 
-def _believe(belief: Belief, step: int, free: np.ndarray, first: np.ndarray, part) -> None:
+def _believe(
+    belief: Belief, step: int, turned: bool, first: np.ndarray, weights: np.ndarray
+) -> None:
     """A step has slipped, and none after it; the poses behind it are elsewhere."""
-    later = np.flatnonzero(belief.slipped[step + 1 :]) + step + 1
-    belief.trust(later)
-    belief.distrust(step, turned=bool(free[1]))
+    belief.trust(np.flatnonzero(belief.slipped[step + 1 :]) + step + 1)
+    belief.distrust(step, turned)
     tail = relocalisation.moved(belief.poses[step + 1 :], first)
-    weights = relocalisation.sources(part, first)
     known = np.append(np.flatnonzero(belief.present & ~belief.in_doubt), data_association.DROPPED)
     fresh = known[np.argmax(weights, axis=1)]
     fresh[weights.max(axis=1) <= data_association.RESOLVED] = data_association.DROPPED
-    used = belief.credit.used.copy()
+    used = belief.assignment.used.copy()
     used[belief.log.pose_of > step] = fresh
     belief.move_newest(tail, used)
 
@@ -141,7 +155,7 @@ def _last_good(belief: Belief) -> int:
     What slipped, slipped after it.
     """
     for t in range(len(belief.poses) - 2, -1, -1):
-        used = belief.credit.used[belief.log.pose_of == t]
+        used = belief.assignment.used[belief.log.pose_of == t]
         if len(used) and np.mean(used != data_association.DROPPED) >= 0.5:
             return t
     return len(belief.poses) - 2

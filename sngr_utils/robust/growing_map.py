@@ -95,7 +95,7 @@ def _search(log: Log, progress: Callable[[float], None]) -> tuple[em.SoftEstimat
     for i, (labelled, per_landmark, growth) in enumerate(SEARCHES):
         found = grow(log if labelled else _without_labels(log), per_landmark, growth)
         if not labelled:
-            found = _fit(log, (found.poses, _named(log, found)), found.calibration, 1.0)
+            found = _fit(log, (found.poses, named(log, found)), found.calibration, 1.0)
         maps.append(found)
         scores.append(score(log, found))
         progress(0.15 * (i + 1))
@@ -108,7 +108,7 @@ def _without_labels(log: Log) -> Log:
     return replace(log, label_of=np.full(len(log.ranges), NO_LABEL), label_probabilities=None)
 
 
-def _named(log: Log, soft: em.SoftEstimate) -> np.ndarray:
+def named(log: Log, soft: em.SoftEstimate) -> np.ndarray:
     """(K, 2) landmarks in the order in which they agree best with labels; surveyed ones stay."""
     if np.isfinite(log.landmark_sigmas).any():
         return soft.landmarks

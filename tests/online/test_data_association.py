@@ -28,9 +28,9 @@ def decide(data, found, used=None, p=0.2, exclusive=False, swap=True):
 
 
 def test_nowhere_is_the_last_column():
-    credit = data_association.nowhere(2, 3)
-    assert credit.used.tolist() == [DROPPED, DROPPED]
-    assert credit.weights.tolist() == [[0, 0, 0, 1]] * 2
+    assignment = data_association.nowhere(2, 3)
+    assert assignment.used.tolist() == [DROPPED, DROPPED]
+    assert assignment.weights.tolist() == [[0, 0, 0, 1]] * 2
 
 
 def test_residuals_about_an_estimate_taken_for_certain():
@@ -125,33 +125,33 @@ def test_a_range_that_alone_holds_its_place_says_nothing_of_it(joint):
 
 def test_labels_that_fit_are_kept_at_no_cost():
     data = scans([0, 1, 2])
-    credit = decide(data, innovations(np.diag([0.0, 1.0, 6.0]) + 50 * (1 - np.eye(3))))
-    assert credit.used.tolist() == [0, 1, 2]
-    assert credit.weights.tolist() == np.eye(4)[:3].tolist()
+    assignment = decide(data, innovations(np.diag([0.0, 1.0, 6.0]) + 50 * (1 - np.eye(3))))
+    assert assignment.used.tolist() == [0, 1, 2]
+    assert assignment.weights.tolist() == np.eye(4)[:3].tolist()
 
 
 @pytest.mark.parametrize(("squared", "asked"), [(6.63, False), (6.64, True)])
 def test_the_gate_is_the_99_percent_quantile(squared, asked):
     """Chi-square with one degree of freedom: 6.635 in any table."""
     data = scans([0])
-    credit = decide(data, innovations([[squared, 40.0, 40.0]]))
-    assert (credit.weights[0, 0] < 1) == asked
+    assignment = decide(data, innovations([[squared, 40.0, 40.0]]))
+    assert (assignment.weights[0, 0] < 1) == asked
 
 
 @pytest.mark.parametrize(("sigma", "asked"), [(0.499, False), (0.501, True)])
 def test_a_prediction_of_half_a_metre_is_too_vague_to_keep_a_label(sigma, asked):
-    credit = decide(scans([0]), innovations([[0.0, 40.0, 40.0]], variance=sigma**2))
-    assert (credit.weights[0, 0] < 1) == asked
-    assert credit.used[0] == (DROPPED if asked else 0)
+    assignment = decide(scans([0]), innovations([[0.0, 40.0, 40.0]], variance=sigma**2))
+    assert (assignment.weights[0, 0] < 1) == asked
+    assert assignment.used[0] == (DROPPED if asked else 0)
 
 
 def test_a_doubt_puts_its_own_scan_in_question_and_no_other():
     data = scans([0, 1, 0, 1], pose_of=[0, 0, 1, 1])
     found = innovations([[9, 0, 40], [40, 1, 40], [1, 40, 40], [40, 1, 40]])
-    credit = decide(data, found)
-    assert (credit.weights[:2].max(axis=1) < 1).all()
-    assert (credit.weights[2:].max(axis=1) == 1).all()
-    assert credit.weights.sum(axis=1) == pytest.approx(np.ones(4))
+    assignment = decide(data, found)
+    assert (assignment.weights[:2].max(axis=1) < 1).all()
+    assert (assignment.weights[2:].max(axis=1) == 1).all()
+    assert assignment.weights.sum(axis=1) == pytest.approx(np.ones(4))
 
 
 def test_a_range_that_was_dropped_or_swapped_is_asked_again():
@@ -174,26 +174,26 @@ def bayes(squared, label, p, variance=0.01):
 
 def test_weights_are_bayes():
     squared = [8.0, 3.0, 5.0]
-    credit = decide(scans([0]), innovations([squared]), p=0.3)
-    assert credit.weights[0, :3] == pytest.approx(bayes(squared, 0, 0.3))
-    assert credit.weights[0, 3] == 0
+    assignment = decide(scans([0]), innovations([squared]), p=0.3)
+    assert assignment.weights[0, :3] == pytest.approx(bayes(squared, 0, 0.3))
+    assert assignment.weights[0, 3] == 0
 
 
 @pytest.mark.parametrize("share", [0.59, 0.61])
 def test_a_range_goes_where_six_tenths_of_its_posterior_are(share):
     """At equal priors, p = 2/3, two landmarks fit, the first by log(share / (1 - share)) more."""
     gap = 2 * np.log(share / (1 - share))
-    credit = decide(scans([2]), innovations([[1.0, 1.0 + gap, 900.0]]), p=2 / 3)
-    assert credit.weights[0, 0] == pytest.approx(share)
-    assert credit.used[0] == (0 if share > 0.6 else DROPPED)
+    assignment = decide(scans([2]), innovations([[1.0, 1.0 + gap, 900.0]]), p=2 / 3)
+    assert assignment.weights[0, 0] == pytest.approx(share)
+    assert assignment.used[0] == (0 if share > 0.6 else DROPPED)
 
 
-@pytest.mark.parametrize(("squared", "credited"), [(23.9, True), (24.0, False)])
-def test_what_happens_once_in_a_million_is_impossible(squared, credited):
+@pytest.mark.parametrize(("squared", "assigned"), [(23.9, True), (24.0, False)])
+def test_what_happens_once_in_a_million_is_impossible(squared, assigned):
     """Chi-square with one degree of freedom exceeds 23.93 once in a million times."""
-    credit = decide(scans([1]), innovations([[squared, 400.0, 400.0]]))
-    assert credit.weights[0, 0] == pytest.approx(1)
-    assert credit.used[0] == (0 if credited else DROPPED)
+    assignment = decide(scans([1]), innovations([[squared, 400.0, 400.0]]))
+    assert assignment.weights[0, 0] == pytest.approx(1)
+    assert assignment.used[0] == (0 if assigned else DROPPED)
 
 
 def test_without_swaps_a_range_keeps_its_label_or_is_dropped():
@@ -233,13 +233,13 @@ def test_what_no_known_landmark_explains_came_from_one_that_is_not_in_the_map():
     """Uniform up to the longest range, 5 m, with the prior of all that are absent."""
     data = scans([0, 2], pose_of=[0, 1])
     found = innovations([[2.0, np.nan, np.nan], [12.0, np.nan, np.nan]])
-    credit = decide(data, found, used=[DROPPED, DROPPED], p=0.4)
+    assignment = decide(data, found, used=[DROPPED, DROPPED], p=0.4)
     densities = stats.norm.pdf(np.sqrt([0.02, 0.12]), 0, 0.1)
     for m, prior in enumerate([(0.6, 0.4), (0.2, 0.8)]):
         known, absent = prior[0] * densities[m], prior[1] / 5.0
         expected = [known / (known + absent), 0, 0, absent / (known + absent)]
-        assert credit.weights[m] == pytest.approx(expected)
-    assert credit.used.tolist() == [0, DROPPED]
+        assert assignment.weights[m] == pytest.approx(expected)
+    assert assignment.used.tolist() == [0, DROPPED]
 
 
 def test_the_joint_density_is_prior_times_likelihood():

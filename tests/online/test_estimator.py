@@ -66,7 +66,7 @@ def test_what_comes_later_changes_nothing_of_what_was_said(noisy):
     )
 
     def watch(b):
-        stories[-1].append((b.poses, b.landmarks, b.credit.used))
+        stories[-1].append((b.poses, b.landmarks, b.assignment.used))
         if len(stories[-1]) == middle + 3:
             raise EnoughError
 
@@ -188,18 +188,18 @@ def believed(p=0.0, upto=12):
 def test_innovations_leave_out_the_range_itself():
     """Against an estimate made without it, linearised at the same place."""
     state = believed()
-    data, used = state.log, state.credit.used
+    data, used = state.log, state.assignment.used
     found = state.innovations(state.covariance())
     for m in (5, 31, 70):
         without = used.copy()
         without[m] = data_association.DROPPED
-        state.credit = data_association.Credit(without, state.credit.weights)
+        state.assignment = data_association.Assignment(without, state.assignment.weights)
         fewer = data_association.innovations(
             data, state.poses, state.landmarks, without, state.covariance()
         )
         k = used[m]
         assert found.variances[m, k] == pytest.approx(fewer.variances[m, k], rel=1e-6)
-    state.credit = data_association.Credit(used, state.credit.weights)
+    state.assignment = data_association.Assignment(used, state.assignment.weights)
 
 
 def test_a_lonely_range_goes_to_the_landmark_that_explains_it():
@@ -212,12 +212,12 @@ def test_a_lonely_range_goes_to_the_landmark_that_explains_it():
     label_of[m] = other
     relabelled, shares = replace(state.log, label_of=label_of), Shares(0.1, 0.0)
     for exclusive in (False, True):
-        credit = data_association.decide(
-            relabelled, found, state.credit.used, shares, exclusive, True
+        assignment = data_association.decide(
+            relabelled, found, state.assignment.used, shares, exclusive, True
         )
-        assert credit.used[m] == data.label_of[m]
-        assert credit.weights[m].sum() == pytest.approx(1)
-    kept = data_association.decide(relabelled, found, state.credit.used, shares, True, False)
+        assert assignment.used[m] == data.label_of[m]
+        assert assignment.weights[m].sum() == pytest.approx(1)
+    kept = data_association.decide(relabelled, found, state.assignment.used, shares, True, False)
     assert kept.used[m] == data_association.DROPPED
 
 
@@ -225,15 +225,15 @@ def test_a_vague_prediction_credits_nothing():
     state = believed()
     found = state.innovations(state.covariance())
     vague = replace(found, variances=found.variances + 1.0)
-    credit = data_association.decide(
-        state.log, vague, state.credit.used, Shares(0.1, 0.0), True, True
+    assignment = data_association.decide(
+        state.log, vague, state.assignment.used, Shares(0.1, 0.0), True, True
     )
-    assert (credit.used == data_association.DROPPED).all()
+    assert (assignment.used == data_association.DROPPED).all()
 
 
 def test_a_landmark_in_the_wrong_place_is_taken_out():
     state = believed()
-    used = np.where(state.credit.used == 2, data_association.DROPPED, state.credit.used)
+    used = np.where(state.assignment.used == 2, data_association.DROPPED, state.assignment.used)
     state.use(used)
     drop_landmarks(state)
     assert np.isnan(state.landmarks[2]).all()

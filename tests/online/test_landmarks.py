@@ -1,4 +1,4 @@
-"""Which ranges speak for a landmark that waits, when it starts, and when it is taken out."""
+"""Which ranges speak for a landmark not yet initialised, when it starts, when it is removed."""
 
 from collections import Counter
 from types import SimpleNamespace
@@ -9,7 +9,7 @@ from helpers import SIGMA, scans
 
 from sngr_utils.online import landmarks as landmarks_module
 from sngr_utils.online import localisation
-from sngr_utils.online.data_association import DROPPED, Credit
+from sngr_utils.online.data_association import DROPPED, Assignment
 from sngr_utils.online.landmarks import _locate, drop_landmarks, start_landmarks, witnesses
 from sngr_utils.robust.association import Shares
 from sngr_utils.sampling import importance
@@ -32,9 +32,9 @@ class Believed(SimpleNamespace):
         assert anchored
         return SimpleNamespace(poses=self.covariances)
 
-    def credit_fitting(self, mine, landmarks, mode, evidence):
+    def assign_fitting(self, mine, landmarks, mode, evidence):
         self.fitted = (mine, landmarks, mode, evidence)
-        return "credits"
+        return "assignments"
 
     def insert(self, k, position, used):
         self.inserted = (k, position, used)
@@ -55,7 +55,7 @@ def waiting():
         log=data, shares=Shares(0.3, 0.0), in_doubt=np.zeros(3, dtype=bool),
         poses=np.column_stack([np.arange(6.0), np.ones(6), np.zeros(6)]),
         landmarks=np.array([[np.nan, np.nan], [5.0, 5.0], [np.nan, np.nan]]),
-        credit=Credit(np.where(data.label_of == 1, 1, DROPPED), weights),
+        assignment=Assignment(np.where(data.label_of == 1, 1, DROPPED), weights),
         covariances=covariances, counts=Counter(), removed=[],
     )  # fmt: skip
 
@@ -78,20 +78,20 @@ def test_witnesses_are_the_free_ranges_that_the_label_leaves_a_fair_chance(waiti
 def test_a_range_of_another_label_is_a_witness_from_a_fifth_on(waiting, elsewhere, heard):
     """At p = 0.4 the two that wait share it as 0.2 to 0.6, and 0.8 of that is a fifth."""
     waiting.shares = Shares(0.4, 0.0)
-    waiting.credit.weights[2, -1] = 1.15 * elsewhere
+    waiting.assignment.weights[2, -1] = 1.15 * elsewhere
     mine, _ = witnesses(waiting, 0)
     assert (2 in mine) == heard
 
 
-def test_ranges_credited_to_a_landmark_are_no_witnesses(waiting):
-    waiting.credit.used[3] = 1
+def test_ranges_assigned_to_a_landmark_are_no_witnesses(waiting):
+    waiting.assignment.used[3] = 1
     mine, _ = witnesses(waiting, 0)
     assert mine.tolist() == [0, 6, 9, 12, 15]
 
 
 @pytest.mark.parametrize(("poses", "enough"), [(3, False), (4, True)])
 def test_witnesses_of_four_poses_are_needed(waiting, poses, enough):
-    waiting.credit.used[3 * poses :] = 1
+    waiting.assignment.used[3 * poses :] = 1
     mine, evidence = witnesses(waiting, 0)
     assert len(mine) == poses
     assert (evidence is not None) == enough
@@ -114,7 +114,7 @@ def test_a_landmark_starts_where_it_is_located_with_the_ranges_that_fit(waiting,
     assert asked == [True, True]  # landmarks 0 and 2; 1 is in the map
     assert waiting.inserted[0] == 0
     assert waiting.inserted[1] is mode.mean
-    assert waiting.inserted[2] == "credits"
+    assert waiting.inserted[2] == "assignments"
     mine, landmarks, given, evidence = waiting.fitted
     assert mine.tolist() == [0, 3, 6, 9, 12, 15]
     assert landmarks.tolist() == [0] * 6
@@ -124,7 +124,7 @@ def test_a_landmark_starts_where_it_is_located_with_the_ranges_that_fit(waiting,
 
 def test_no_question_without_something_new_to_see(waiting, monkeypatch):
     """The newest pose has no witness of landmark 0, and one of landmark 2."""
-    waiting.credit.used[15] = 1
+    waiting.assignment.used[15] = 1
     seen = []
     monkeypatch.setattr(
         landmarks_module, "_locate", lambda belief, evidence, *_: seen.append(evidence.ranges[0])
@@ -140,7 +140,7 @@ def test_without_delay_three_poses_do(waiting):
     spot = np.array([1.0, 4.0])
     ranges = np.linalg.norm(waiting.poses[:, :2] - spot, axis=1)[[0, 1, 1, 2]]
     waiting.log = scans([0, 0, 0, 0], pose_of=[0, 1, 1, 2], ranges=ranges - [0, 0, 1, 0])
-    waiting.credit = Credit(np.full(4, DROPPED), np.tile([0.0, 0, 0, 1], (4, 1)))
+    waiting.assignment = Assignment(np.full(4, DROPPED), np.tile([0.0, 0, 0, 1], (4, 1)))
     start_landmarks(waiting, False, True, rng=np.random.default_rng(0))
     assert not hasattr(waiting, "inserted")
     start_landmarks(waiting, False, False, rng=np.random.default_rng(0))
@@ -219,11 +219,11 @@ def test_the_referee_is_not_asked_about_a_landmark_that_would_wait_anyway(waitin
 )
 def test_a_landmark_used_by_less_than_half_of_its_right_labels_is_taken_out(labelled, used, out):
     """At p = 0.2, 20 labels are right 16 times, and half of that is 8; below 10 none is judged."""
-    credit = np.where(np.arange(labelled) < used, 1, DROPPED)
+    assignment = np.where(np.arange(labelled) < used, 1, DROPPED)
     state = Believed(
         log=scans([1] * labelled), shares=Shares(0.2, 0.0), counts=Counter(), removed=[],
         landmarks=np.array([[np.nan, np.nan], [0.0, 0.0], [1.0, 1.0]]),
-        credit=Credit(credit, None),
+        assignment=Assignment(assignment, None),
     )  # fmt: skip
     drop_landmarks(state)
     assert state.removed == ([1] if out else [])
@@ -233,7 +233,7 @@ def test_a_landmark_used_by_less_than_half_of_its_right_labels_is_taken_out(labe
 def test_uses_by_ranges_of_other_labels_do_not_count():
     state = Believed(
         log=scans([1] * 10 + [0] * 10), shares=Shares(0.0, 0.0), counts=Counter(), removed=[],
-        landmarks=np.zeros((3, 2)), credit=Credit(np.array([0] * 10 + [1] * 10), None),
+        landmarks=np.zeros((3, 2)), assignment=Assignment(np.array([0] * 10 + [1] * 10), None),
     )  # fmt: skip
     drop_landmarks(state)
     assert state.removed == [0, 1]
