@@ -271,33 +271,48 @@ def eliminate(own, rest, front, lost):
 
     Returns the first pose whose information is not positive definite, -1 if there is none.
     """
-    n_poses, _, width = rest.shape
-    gain = np.empty((3, width))
-    for t in range(n_poses):
-        for i in range(3):  # what the earlier poses left for this one
-            for j in range(width):
-                if j < 3:
-                    own[t, i, j] += front[i, j]
-                else:
-                    rest[t, i, j] += front[i, j]
-                front[i, j] = lost[i, j] = 0.0
+    gain = np.empty((3, rest.shape[2]))
+    for t in range(len(own)):
+        take_over(t, own, rest, front, lost)
         if invert(own[t]) >= 0:
             return t
-        for i in range(3):
-            for j in range(width):
-                gain[i, j] = 0.0
-                for k in range(3):
-                    gain[i, j] += own[t, i, k] * rest[t, k, j]
-        for i in range(width):
-            for j in range(i, width):
-                term = 0.0
-                for k in range(3):
-                    term -= rest[t, k, i] * gain[k, j]
-                accumulate(front, lost, i, j, term)
-        for i in range(3):
-            for j in range(width):
-                rest[t, i, j] = gain[i, j]
+        hand_on(t, own, rest, front, lost, gain)
     return -1
+
+
+@compile_once
+def take_over(t, own, rest, front, lost):
+    """Add to pose t what the earlier poses left for it, see `eliminate`."""
+    for i in range(3):
+        for j in range(rest.shape[2]):
+            if j < 3:
+                own[t, i, j] += front[i, j]
+            else:
+                rest[t, i, j] += front[i, j]
+            front[i, j] = lost[i, j] = 0.0
+
+
+@compile_once
+def hand_on(t, own, rest, front, lost, gain):
+    """The gain of pose t, whose information is inverted, and what it leaves for later poses.
+
+    gain : (3, 3+2K), work
+    """
+    width = rest.shape[2]
+    for i in range(3):
+        for j in range(width):
+            gain[i, j] = 0.0
+            for k in range(3):
+                gain[i, j] += own[t, i, k] * rest[t, k, j]
+    for i in range(width):
+        for j in range(i, width):
+            term = 0.0
+            for k in range(3):
+                term -= rest[t, k, i] * gain[k, j]
+            accumulate(front, lost, i, j, term)
+    for i in range(3):
+        for j in range(width):
+            rest[t, i, j] = gain[i, j]
 
 
 @compile_once
