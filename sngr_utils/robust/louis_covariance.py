@@ -145,7 +145,8 @@ def _eliminated(blocks: Blocks) -> tuple[Blocks, int]:
     Source: Sylvester's law of inertia; Haynsworth, Linear Algebra and its Applications 1, 1968.
     """
     below = _eliminate(*blocks)
-    border = blocks.front[3:, 3:]
+    border = np.triu(blocks.front[3:, 3:])
+    border += np.triu(border, 1).T
     below += int(np.sum(np.linalg.eigvalsh(border) <= 0))
     blocks.front[3:, 3:] = np.linalg.inv(border)
     return blocks, below
@@ -157,40 +158,20 @@ def _eliminate(own, rest, front):
 
     Leaves the inverse of every pivot, and the gains, as that does.
     """
-    (n_poses, _, width), below = rest.shape, 0
-    lost, gain = np.zeros((width, width)), np.empty((3, width))
-    for t in range(n_poses):
-        for i in range(3):
-            for j in range(width):
-                if j < 3:
-                    own[t, i, j] += front[i, j]
-                else:
-                    rest[t, i, j] += front[i, j]
-                front[i, j] = front[j, i] = lost[i, j] = lost[j, i] = 0.0
+    lost, gain, below = np.zeros(front.shape), np.empty(rest.shape[1:]), 0
+    for t in range(len(own)):
+        information.take_over(t, own, rest, front, lost)
         below += _invert_any(own[t])
-        for i in range(3):
-            for j in range(width):
-                gain[i, j] = 0.0
-                for k in range(3):
-                    gain[i, j] += own[t, i, k] * rest[t, k, j]
-        for i in range(width):
-            for j in range(i, width):
-                term = 0.0
-                for k in range(3):
-                    term -= rest[t, k, i] * gain[k, j]
-                information.accumulate(front, lost, i, j, term)
-                front[j, i], lost[j, i] = front[i, j], lost[i, j]
-        rest[t] = gain
+        information.hand_on(t, own, rest, front, lost, gain)
     return below
 
 
 @compile_once
 def _invert_any(a):
     """Invert a symmetric (3, 3) matrix in place; the number of its negative eigenvalues."""
-    xx, xy, xz = a[1, 1] * a[2, 2] - a[1, 2] ** 2, a[0, 2] * a[1, 2] - a[0, 1] * a[2, 2], 0.0
-    xz = a[0, 1] * a[1, 2] - a[0, 2] * a[1, 1]
-    minor, determinant = a[0, 0] * a[1, 1] - a[0, 1] ** 2, a[0, 0] * xx + a[0, 1] * xy
-    determinant += a[0, 2] * xz
+    xx, xy = a[1, 1] * a[2, 2] - a[1, 2] ** 2, a[0, 2] * a[1, 2] - a[0, 1] * a[2, 2]
+    xz, minor = a[0, 1] * a[1, 2] - a[0, 2] * a[1, 1], a[0, 0] * a[1, 1] - a[0, 1] ** 2
+    determinant = a[0, 0] * xx + a[0, 1] * xy + a[0, 2] * xz
     below = (a[0, 0] < 0) + ((a[0, 0] < 0) != (minor < 0)) + ((minor < 0) != (determinant < 0))
     yy, yz = a[0, 0] * a[2, 2] - a[0, 2] ** 2, a[0, 1] * a[0, 2] - a[0, 0] * a[1, 2]
     a[0, 0], a[0, 1], a[0, 2] = xx / determinant, xy / determinant, xz / determinant

@@ -84,7 +84,7 @@ def linearise(chain, loss, at):
     system = information.empty_system(len(at.frames), size)
     information.add_odometry(
         at.frames, chain.prior, chain.prior_information, chain.motions, chain.step_information,
-        system,
+        True, system,
     )  # fmt: skip
     weights = np.empty(len(at.residuals))
     for m in range(len(weights)):

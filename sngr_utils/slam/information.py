@@ -1,4 +1,4 @@
-"""GTSAM's linearisation of a range-only graph as blocks of information, and their inversion.
+"""The linearisation of a range-only graph as blocks of information, and their inversion.
 
 All of it compiled; `selected_inverse` and `chain_solver` are the ways in. The information is block
 tridiagonal in the poses, with a border: the landmarks, and a range scale and offset where those
@@ -17,7 +17,8 @@ import numpy as np
 from sngr_utils.numerics.jit import compile_once
 from sngr_utils.numerics.linalg import invert
 
-SMALL_ANGLE = 1e-5  # rad, up to it GTSAM's derivative of the logarithm is a first-order series
+# rad, up to which the derivative of the logarithm is a first-order series: GTSAM's, and the exact
+SMALL_ANGLE, TINY_ANGLE = 1e-5, 1e-8
 NOT_ESTIMATED = np.array([-1, -1])  # columns of a range scale and offset that are known
 SMALL_RANGE = 1e-10  # m, up to it GTSAM takes (1, 1) for the direction to a landmark
 
@@ -92,25 +93,29 @@ def _logarithm(frame):
 
 
 @compile_once
-def _log_derivative(logarithm, out):
+def _log_derivative(logarithm, exact, out):
     """Derivative (3, 3) of the SE(2) logarithm by a body-frame step, into `out`.
 
-    In GTSAM's own form: 1 - cos cancels for residual headings between 1e-5 and 1e-3 rad, and the
-    error of it (up to some 10 % of a residual metre per radian) is part of the linearisation we
-    have to equal. There GTSAM's own answer moves by 1e-7 if a heading moves in its last place.
+    GTSAM divides by 1 - cos, which cancels for residual headings between 1e-5 and 1e-3 rad. The
+    error of it (up to some 10 % of a residual metre per radian) is part of the covariances that
+    have to equal GTSAM's; a minimum is sought with the exact derivative, else the search ends
+    millimetres beside it.
 
     Source: Chirikjian, Stochastic Models, Information Theory, and Lie Groups, vol. 2, sec. 10.6.
     """
     vx, vy, angle = logarithm
     out[2, 0] = out[2, 1] = 0.0
     out[2, 2] = 1.0
-    if abs(angle) <= SMALL_ANGLE:
+    if abs(angle) <= (TINY_ANGLE if exact else SMALL_ANGLE):
         out[0, 0] = out[1, 1] = 1.0
         out[0, 1] = out[1, 0] = 0.0
         out[0, 2], out[1, 2] = 0.5 * vy, -0.5 * vx
         return
     inverse = 1.0 / angle
-    cotangent = 0.5 * math.sin(angle) / (1.0 - math.cos(angle))
+    if exact:
+        cotangent = 0.5 / math.tan(0.5 * angle)
+    else:
+        cotangent = 0.5 * math.sin(angle) / (1.0 - math.cos(angle))
     out[0, 0] = out[1, 1] = angle * cotangent
     out[0, 1], out[1, 0] = -0.5 * angle, 0.5 * angle
     out[0, 2] = vx * inverse - vx * cotangent + 0.5 * vy
@@ -130,10 +135,10 @@ def odometry_residual(first, second, motion):
 
 
 @compile_once
-def _odometry_jacobians(first, second, residual, by_first, by_second):
+def _odometry_jacobians(first, second, residual, exact, by_first, by_second):
     """(3, 3) Jacobians of `odometry_residual` by both poses, into the last two."""
     x, y, cos, sin = _relative(first, second)
-    _log_derivative(residual, by_second)
+    _log_derivative(residual, exact, by_second)
     back_x, back_y = -cos * x - sin * y, sin * x - cos * y
     for i in range(3):  # by_first = -by_second times the adjoint of the step's inverse
         a, b, c = by_second[i, 0], by_second[i, 1], by_second[i, 2]
@@ -163,25 +168,26 @@ def _add_product(weighted, right, out):
 
 
 @compile_once
-def add_odometry(frames, prior, prior_information, motions, information, system):
+def add_odometry(frames, prior, prior_information, motions, information, exact, system):
     """Add the prior on pose 0 and the T-1 odometry factors to a system.
 
     frames, motions : (T, 4) and (T-1, 4) poses and measured motions, as `frames_of` makes them
     prior : (1, 4), the mean of pose 0
     prior_information, information : (3, 3) and (T-1, 3, 3), of [x, y, theta]
+    exact : see `_log_derivative`
     """
     own, rest, slope = system.own, system.rest, system.slope
     by_first, by_second = np.empty((3, 3)), np.empty((3, 3))
     weighted = np.empty((3, 3))
     frame = frame_at(frames, 0)
     residual = prior_residual(frame_at(prior, 0), frame)
-    _log_derivative(residual, by_first)
+    _log_derivative(residual, exact, by_first)
     _weigh(by_first, prior_information, residual, weighted, slope[0])
     _add_product(weighted, by_first, own[0])
     for t in range(len(motions)):
         following = frame_at(frames, t + 1)
         residual = odometry_residual(frame, following, frame_at(motions, t))
-        _odometry_jacobians(frame, following, residual, by_first, by_second)
+        _odometry_jacobians(frame, following, residual, exact, by_first, by_second)
         _weigh(by_first, information[t], residual, weighted, slope[t])
         _add_product(weighted, by_first, own[t])
         _add_product(weighted, by_second, rest[t])
@@ -271,33 +277,48 @@ def eliminate(own, rest, front, lost):
 
     Returns the first pose whose information is not positive definite, -1 if there is none.
     """
-    n_poses, _, width = rest.shape
-    gain = np.empty((3, width))
-    for t in range(n_poses):
-        for i in range(3):  # what the earlier poses left for this one
-            for j in range(width):
-                if j < 3:
-                    own[t, i, j] += front[i, j]
-                else:
-                    rest[t, i, j] += front[i, j]
-                front[i, j] = lost[i, j] = 0.0
+    gain = np.empty((3, rest.shape[2]))
+    for t in range(len(own)):
+        take_over(t, own, rest, front, lost)
         if invert(own[t]) >= 0:
             return t
-        for i in range(3):
-            for j in range(width):
-                gain[i, j] = 0.0
-                for k in range(3):
-                    gain[i, j] += own[t, i, k] * rest[t, k, j]
-        for i in range(width):
-            for j in range(i, width):
-                term = 0.0
-                for k in range(3):
-                    term -= rest[t, k, i] * gain[k, j]
-                accumulate(front, lost, i, j, term)
-        for i in range(3):
-            for j in range(width):
-                rest[t, i, j] = gain[i, j]
+        hand_on(t, own, rest, front, lost, gain)
     return -1
+
+
+@compile_once
+def take_over(t, own, rest, front, lost):
+    """Add to pose t what the earlier poses left for it, see `eliminate`."""
+    for i in range(3):
+        for j in range(rest.shape[2]):
+            if j < 3:
+                own[t, i, j] += front[i, j]
+            else:
+                rest[t, i, j] += front[i, j]
+            front[i, j] = lost[i, j] = 0.0
+
+
+@compile_once
+def hand_on(t, own, rest, front, lost, gain):
+    """The gain of pose t, whose information is inverted, and what it leaves for later poses.
+
+    gain : (3, 3+2K), work
+    """
+    width = rest.shape[2]
+    for i in range(3):
+        for j in range(width):
+            gain[i, j] = 0.0
+            for k in range(3):
+                gain[i, j] += own[t, i, k] * rest[t, k, j]
+    for i in range(width):
+        for j in range(i, width):
+            term = 0.0
+            for k in range(3):
+                term -= rest[t, k, i] * gain[k, j]
+            accumulate(front, lost, i, j, term)
+    for i in range(3):
+        for j in range(width):
+            rest[t, i, j] = gain[i, j]
 
 
 @compile_once

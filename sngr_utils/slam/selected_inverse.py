@@ -127,7 +127,7 @@ def selected_inverse(
     system.front[3:, 3:] = np.eye(landmarks.size) / landmark_prior_sigma**2
     frames, prior, motions = frames_of(poses), frames_of(x0_mean[None]), frames_of(odometry)
     steps = odometry_sigmas[:, :, None] ** -2 * np.eye(3)
-    add_odometry(frames, prior, np.diag(x0_sigmas**-2), motions, steps, system)
+    add_odometry(frames, prior, np.diag(x0_sigmas**-2), motions, steps, False, system)
     weights = np.full(len(pose_of), range_sigma**-2)
     residuals = np.zeros(len(pose_of))  # of no effect: nobody asks for the gradient
     add_ranges(frames, landmarks, 1.0, NOT_ESTIMATED, pose_of, label_of, weights, residuals, system)

@@ -1,5 +1,7 @@
 """The chain solver against GTSAM, which defines what it must find."""
 
+import warnings
+
 import gtsam
 import numpy as np
 import pytest
@@ -21,6 +23,7 @@ from sngr_utils.slam import (
 from sngr_utils.slam.factors import landmark_prior, pose_prior
 from sngr_utils.slam.marginals import joint_covariance, position_covariances
 from sngr_utils.world import dead_reckoning, simulation
+from sngr_utils.world.log import Log, LogWarning
 from sngr_utils.world.scenario import Scenario
 
 C = conventions.PRESETS["C"]
@@ -46,7 +49,7 @@ def simulated(p, seed, n_poses=30, n_landmarks=6):
 
 
 def data(drawn, means, **changed):
-    """What `chain_problem.make` takes, of a world and preset C."""
+    """What `chain_from` and `gtsam_graph` take, of a world and preset C."""
     scenario = drawn.scenario
     return {
         "x0_mean": drawn.x0_mean, "x0_sigmas": C.x0_sigmas, "odometry": drawn.odometry,
@@ -57,8 +60,22 @@ def data(drawn, means, **changed):
     }  # fmt: skip
 
 
+def chain_from(given):
+    """The chain of a log that holds all this, the priors on landmarks as a survey's."""
+    means = np.array(given["landmark_means"], dtype=float)
+    sigmas, given = np.broadcast_to(given["landmark_sigmas"], len(means)), dict(given)
+    weights = np.broadcast_to(given.pop("weights", 1.0), len(given["ranges"]))
+    own = np.isfinite(sigmas) & np.isfinite(means).all(axis=1)
+    given["landmark_means"] = np.where(own[:, None], means, np.nan)
+    given["landmark_sigmas"] = np.where(own, sigmas, np.nan)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LogWarning)
+        log = Log(label_of=given.pop("landmark_of"), n_landmarks=len(means), **given)
+    return chain_problem.of_log(log, means, np.inf)._replace(weights=weights[log.row_of])
+
+
 def chain_of(drawn, means, **changed):
-    return chain_problem.make(**data(drawn, means, **changed))
+    return chain_from(data(drawn, means, **changed))
 
 
 def blind_start(drawn):
@@ -68,7 +85,7 @@ def blind_start(drawn):
 
 
 def gtsam_graph(given, loss=None):
-    """The factors of what `chain_problem.make` takes, each with its own noise."""
+    """The factors of what `data` gives, each with its own noise."""
     noise, factors = gtsam.noiseModel, gtsam.NonlinearFactorGraph()
     factors.push_back(pose_prior(given["x0_mean"], given["x0_sigmas"]))
     steps, count = len(given["odometry"]), len(given["ranges"])
@@ -148,16 +165,14 @@ def test_cost_is_the_error_of_gtsam_anywhere(name, seed):
     if theirs is not None:  # here a weight multiplies the loss, which GTSAM has no way to say
         given["weights"] = np.ceil(given["weights"])
     expected = gtsam_graph(given, theirs).error(solution.values_of(poses, landmarks))
-    chain = chain_problem.make(**given)
+    chain = chain_from(given)
     assert cost_at(chain, ours, poses, landmarks) == pytest.approx(expected, rel=1e-10)
 
 
 def test_weights_multiply_the_loss():
     given, poses, landmarks = motley(5)
     none, once, twice = (
-        cost_at(
-            chain_problem.make(**{**given, "weights": w}), LOSSES["cauchy"][0], poses, landmarks
-        )
+        cost_at(chain_from({**given, "weights": w}), LOSSES["cauchy"][0], poses, landmarks)
         for w in (0.0, given["weights"], 2 * given["weights"])
     )
     assert twice - once == pytest.approx(once - none, rel=1e-10)
@@ -175,7 +190,7 @@ def test_a_damped_step_is_that_of_gtsams_linear_system(name):
     linear = gtsam_graph(given, theirs).linearize(solution.values_of(poses, landmarks))
     jacobian, error = linear.jacobian(ordering)
     hessian, gradient = jacobian.T @ jacobian, -jacobian.T @ error
-    chain = chain_problem.make(**given)
+    chain = chain_from(given)
     at = chain_solver.state_of(chain, poses, landmarks)
     chain_cost.cost(chain, ours, at)
     system = chain_cost.linearise(chain, ours, at)
@@ -212,7 +227,7 @@ def test_every_step_is_that_of_gtsam(policy, theirs):
     optimizer = gtsam.LevenbergMarquardtOptimizer(
         gtsam_graph(given), solution.values_of(*start), theirs
     )
-    chain, policy = chain_problem.make(**given), policy._replace(relative=1e-10, absolute=0.0)
+    chain, policy = chain_from(given), policy._replace(relative=1e-10, absolute=0.0)
     refused, before = 0, policy.damping
     for n in range(1, 11):
         optimizer.iterate()
@@ -236,6 +251,25 @@ def test_the_minimum_is_that_of_gtsam(name):
         assert ours.cost == pytest.approx(theirs.graph.error(theirs.estimate), rel=1e-8)
 
 
+@pytest.mark.parametrize(("p", "seed", "too_far"), [(0.4, 197, 0.0), (0.2, 174, 5e-4)])
+def test_nothing_costs_less_than_the_minimum(p, seed, too_far):
+    """Worlds with a step whose heading errs by 1e-5 rad, where GTSAM's derivative loses digits.
+
+    With it the search ends millimetres beside the minimum; in the second world GTSAM's own does,
+    `too_far` nats above it, and stays where it is put if that is the minimum.
+    """
+    drawn = simulated(p, seed)
+    start = blind_start(drawn)
+    theirs = gtsam_estimates.solve(drawn, C, "least_squares", start)
+    ours = chain_solver.solve(chain_of(drawn, start[1]), *start, SQUARE, TO_THE_END)
+    least = theirs.graph.error(theirs.estimate)
+    assert ours.cost < (1 + 1e-10) * least - too_far
+    assert too_far or np.abs(ours.poses - theirs.poses).max() < SAME
+    at = solution.values_of(ours.poses, ours.landmarks)
+    again = gtsam_estimates.levenberg_marquardt(theirs.graph, at)
+    assert np.abs(solution.poses_of(again, 30) - ours.poses).max() < SAME
+
+
 def test_the_minimum_of_a_long_chain_is_that_of_gtsam():
     """Both stop late: a last decrease of 1e-10 of the cost still is 1e-4 m in so long a chain."""
     drawn, rng = simulated(0.0, 3, n_poses=300), np.random.default_rng(0)
@@ -247,7 +281,7 @@ def test_the_minimum_of_a_long_chain_is_that_of_gtsam():
         gtsam_graph(given, loss), solution.values_of(*start), late
     ).optimize()
     found = chain_solver.solve(
-        chain_problem.make(**given), *start, ours, TO_THE_END._replace(relative=1e-14, absolute=0.0)
+        chain_from(given), *start, ours, TO_THE_END._replace(relative=1e-14, absolute=0.0)
     )
     assert np.abs(found.poses - solution.poses_of(theirs, 300))[:, :2].max() < SAME
 
@@ -262,7 +296,7 @@ def test_one_range_may_be_of_two_landmarks():
         weights=np.repeat([0.7, 0.3], 180),
     )  # fmt: skip
     theirs = gtsam_estimates.levenberg_marquardt(gtsam_graph(given), solution.values_of(*start))
-    found = chain_solver.solve(chain_problem.make(**given), *start, SQUARE, TO_THE_END)
+    found = chain_solver.solve(chain_from(given), *start, SQUARE, TO_THE_END)
     assert np.abs(found.poses - solution.poses_of(theirs, 30))[:, :2].max() < SAME
 
 
@@ -448,36 +482,6 @@ def test_a_hopeless_start_ends_and_says_so():
         assert np.isfinite(found.cost)
     few = chain_solver.CERES._replace(most_steps=1)
     assert not chain_solver.solve(chain, *start, loss, few).converged
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "message"),
-    [
-        ("x0_mean", [0.0, 0.0], r"x0_mean has shape \(2,\)"),
-        ("x0_sigmas", [0.1, 0.0, 0.1], r"x0_sigmas\[1\] is 0.0: it must be finite and positive"),
-        ("odometry", np.zeros((29, 2)), "odometry has shape"),
-        ("odometry", np.full((29, 3), np.nan), r"odometry\[0\] is"),
-        ("odometry_covariances", np.zeros((3, 3)), "and positive definite"),
-        ("odometry_covariances", np.ones((28, 3, 3)), "odometry_covariances has shape"),
-        ("odometry_covariances", np.triu(np.ones((3, 3))), "must be symmetric and positive"),
-        ("pose_of", np.full(180, 30), r"pose_of\[0\] is 30: it must be in 0 ... 29"),
-        ("pose_of", np.zeros(179, int), "pose_of has shape"),
-        ("landmark_of", np.full(180, -2), r"landmark_of\[0\] is -2: it must be in -1 ... 5"),
-        ("landmark_of", np.zeros(180), "landmark_of holds float64"),
-        ("ranges", np.full(180, np.inf), r"ranges\[0\] is inf: it must be finite"),
-        ("range_sigmas", np.zeros(180), r"range_sigmas\[0\] is 0.0"),
-        ("weights", np.full(180, -1.0), r"weights\[0\] is -1.0: it must be finite and zero"),
-        ("landmark_sigmas", -1.0, r"landmark_sigmas\[0\]"),
-        ("landmark_sigmas", np.ones(5), "landmark_sigmas has shape"),
-        ("landmark_means", np.ones((6, 3)), "landmark_means has shape"),
-        ("scale", (0.0, 0.0), "scale"),
-        ("offset", (0.0, -1.0), "offset"),
-    ],
-)
-def test_what_does_not_fit_is_refused_by_name(name, value, message):
-    drawn = simulated(0.0, 100)
-    with pytest.raises(ValueError, match=message):
-        chain_of(drawn, **{"means": drawn.landmarks, name: value})
 
 
 def test_a_start_that_does_not_fit_is_refused_by_name():
