@@ -37,12 +37,12 @@ def sweep(small):
 
 @pytest.fixture(scope="module")
 def studies(small):
-    return audit.run_windows(small.model_copy(update={"p_windows": 0.0}))
+    return audit.run_windows(small.model_copy(update={"p_windows": 0.0, "n_windows": 3}))
 
 
 def test_every_claim_gets_its_numbers(tmp_path):
     """With the levels of the YAML, all keys that claims.yaml asks of notebook 05 are there."""
-    config = audit.Config(n_seeds=2, n_poses=8, jobs=1)
+    config = audit.Config(n_seeds=2, n_corrected=2, n_poses=8, jobs=1)
     to = report.Report("05_audit", tmp_path)
     gaussian = audit.run_gaussian_ess(config)
     sweep = audit.run_sweep(config)
