@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from sngr_utils.experiments.multimodality import View, WindowKind
+    from sngr_utils.sampling.targets.landmark import Landmark
     from sngr_utils.sampling.weighted_samples import WeightedSamples
 
 Counts = Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1)]
@@ -79,6 +80,13 @@ def view(config: Config, label: int, n: int) -> View:
     return multimodality.view(config.scenario, config.first_seed, label, n)
 
 
+def landmark(config: Config, label: int, n: int) -> Landmark:
+    """Posterior of a landmark of the first world after n poses."""
+    from sngr_utils.experiments import multimodality
+
+    return multimodality.world_landmark(config.scenario, config.first_seed, label, n)
+
+
 def run_landmarks(config: Config) -> pd.DataFrame:
     """Every landmark of every world after its first poses; see `multimodality.run_landmarks`."""
     from sngr_utils.experiments import multimodality
@@ -121,11 +129,11 @@ def run_samplers(config: Config) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True)
 
 
-def anchor_runs(config: Config, seed: int, place: str) -> dict[str, WeightedSamples]:
-    """Every method on the two anchors of notebook 1, from the "saddle" or the "mode"."""
+def anchor_runs(config: Config, seed: int) -> dict[str, WeightedSamples]:
+    """Nested sampling on the two anchors of notebook 1, from one of the two places."""
     from sngr_utils.experiments import two_anchors
 
-    return two_anchors.runs_from(config.n_live_landmark, seed, place)
+    return two_anchors.nested_from_a_mode(config.n_live_landmark, seed)
 
 
 def anchor_priors(n: int, *, rng: np.random.Generator) -> dict[str, np.ndarray]:

@@ -4,7 +4,7 @@ import joblib
 import numpy as np
 import pandas as pd
 import pytest
-from helpers import handed_on, signatures
+from helpers import handed_on, read_notebook, signatures
 
 from sngr_utils import multimodal
 from sngr_utils.detection import mirror_image
@@ -52,6 +52,31 @@ def test_landmarks_of_two_poses_have_two_places_and_of_eight_one(landmarks):
     assert (few["gap"] < 3).mean() > 0.8
     assert (many["gap"] > 3).all()
     assert few["window_score"].isna().all()
+
+
+@pytest.fixture(scope="module")
+def from_scratch():
+    """What the notebook's cell tagged "from-scratch" defines."""
+    names = {"np": np}
+    for cell in read_notebook("09_multimodal").cells:
+        if "from-scratch" in cell.metadata.get("tags", []):
+            exec(cell.source, names)
+    return names
+
+
+@pytest.mark.parametrize("n", [2, 3, 5, 8])
+def test_the_mirror_test_from_scratch_is_that_of_the_library(from_scratch, n):
+    for label in range(QUICK.n_landmarks):
+        target = multimodal.landmark(QUICK, label, n)
+        data = target.positions, target.ranges, target.variances
+        start = multimodal.view(QUICK, label, n).gaussian[0]
+        gap, here, there = from_scratch["mirror_test"](*data, start)
+        library = mirror_image.mirror_test(*data, start)
+        assert (gap == np.inf) == (not library.distinct)
+        assert here == pytest.approx(library.landmark, abs=1e-5)
+        if library.distinct:
+            assert gap == pytest.approx(library.gap, rel=1e-5, abs=1e-6)
+            assert there == pytest.approx(library.image, abs=1e-5)
 
 
 def test_results_do_not_depend_on_the_number_of_workers(landmarks):

@@ -33,11 +33,29 @@ def plane_runs(
     *, rng: np.random.Generator,
 ) -> dict[str, WeightedSamples]:  # fmt: skip
     """Every method on a landmark, the Gaussian priors being N(start, c covariance)."""
-    modes = find_modes(target, ring_starts(target))
-    settings = SamplerSettings(n_live=n_live, min_walks=PLANE_WALKS)
-    priors = {name: ancestral_priors.gaussian(start, covariance, c) for name, c in SCALES.items()}
-    priors["ancestral"] = ancestral_priors.ring(target)
+    modes, settings = find_modes(target, ring_starts(target)), _plane_settings(n_live)
+    priors = plane_priors(target, start, covariance)
     return _runs(target, modes, priors, settings, PLANE_DRAWS, rng)
+
+
+def plane_nested(
+    target: Landmark, start: np.ndarray, covariance: np.ndarray, n_live: int,
+    *, rng: np.random.Generator,
+) -> dict[str, WeightedSamples]:  # fmt: skip
+    """The same, nested sampling only."""
+    return _nested(target, plane_priors(target, start, covariance), _plane_settings(n_live), rng)
+
+
+def plane_priors(
+    target: Landmark, start: np.ndarray, covariance: np.ndarray
+) -> dict[str, ancestral_priors.Prior]:
+    """The priors of nested sampling on a landmark."""
+    priors = {name: ancestral_priors.gaussian(start, covariance, c) for name, c in SCALES.items()}
+    return {**priors, "ancestral": ancestral_priors.ring(target)}
+
+
+def _plane_settings(n_live: int) -> SamplerSettings:
+    return SamplerSettings(n_live=n_live, min_walks=PLANE_WALKS)
 
 
 def window_runs(
@@ -53,15 +71,19 @@ def window_runs(
 
 
 def _runs(target, modes, priors, settings, draws, rng) -> dict[str, WeightedSamples]:
-    nested = {
-        name: ancestral_priors.sample(target, prior, settings, rng=rng)
-        for name, prior in priors.items()
-    }
+    nested = _nested(target, priors, settings, rng)
     return {
         "one Gaussian": laplace_draws(modes, PLANE_DRAWS, rng=rng),
         **nested,
         "ancestral, reweighted": _reweighted(target, nested["ancestral"], draws, rng),
         "many starts": adaptive_importance.draws(target, modes, draws, rng=rng),
+    }
+
+
+def _nested(target, priors, settings, rng) -> dict[str, WeightedSamples]:
+    return {
+        name: ancestral_priors.sample(target, prior, settings, rng=rng)
+        for name, prior in priors.items()
     }
 
 

@@ -7,7 +7,7 @@ import pandas as pd
 
 from sngr_utils.experiments import sampler_contest
 from sngr_utils.experiments.many_worlds import map_worlds
-from sngr_utils.sampling import ancestral_priors, weighted_samples
+from sngr_utils.sampling import weighted_samples
 from sngr_utils.sampling.modes import find_modes, ring_starts
 from sngr_utils.sampling.reference import landmark_reference
 from sngr_utils.sampling.targets.landmark import Landmark
@@ -32,19 +32,15 @@ def start_at(place: str) -> tuple[np.ndarray, np.ndarray]:
     return start, posterior().gauss_newton_covariance(start)
 
 
-def runs_from(n_live: int, seed: int, place: str) -> dict[str, weighted_samples.WeightedSamples]:
-    """Every method on the two anchors, the Gaussian priors about `start_at`."""
+def nested_from_a_mode(n_live: int, seed: int) -> dict[str, weighted_samples.WeightedSamples]:
+    """Nested sampling on the two anchors, the Gaussian priors about one of the two places."""
     rng = np.random.default_rng([seed, 9])
-    return sampler_contest.plane_runs(posterior(), *start_at(place), n_live, rng=rng)
+    return sampler_contest.plane_nested(posterior(), *start_at("mode"), n_live, rng=rng)
 
 
 def draw_priors(n: int, *, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """(n, 2) draws of each prior on the two anchors, the Gaussian ones about a mode, [m]."""
-    priors = {
-        name: ancestral_priors.gaussian(*start_at("mode"), c)
-        for name, c in sampler_contest.SCALES.items()
-    }
-    priors["ancestral"] = ancestral_priors.ring(posterior())
+    priors = sampler_contest.plane_priors(posterior(), *start_at("mode"))
     return {name: prior.draw(n, rng=rng) for name, prior in priors.items()}
 
 
@@ -64,11 +60,12 @@ def _one(n_live: int, seed: int) -> list[dict]:
     target = posterior()
     modes = find_modes(target, ring_starts(target))
     errors = sampler_contest.judge(landmark_reference(target), modes, lambda x: x)
+    rng, start = np.random.default_rng([seed, 9]), start_at("saddle")
+    by_place = {"saddle": sampler_contest.plane_runs(target, *start, n_live, rng=rng)}
+    narrow = nested_from_a_mode(n_live, seed)  # the other methods do not depend on the start
+    by_place["mode"] = {name: narrow[name] for name in sampler_contest.SCALES}
     rows = []
-    for place in ("saddle", "mode"):
-        runs = runs_from(n_live, seed, place)
-        if place == "mode":  # the other methods do not depend on it
-            runs = {name: runs[name] for name in sampler_contest.SCALES}
+    for place, runs in by_place.items():
         head = {"case": f"two anchors, from the {place}", "size": 2, "seed": seed}
         rows += [{**head, "method": name, **errors(run)} for name, run in runs.items()]
     return rows

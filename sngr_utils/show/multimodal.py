@@ -60,7 +60,6 @@ def detection_table(rows: pd.DataFrame) -> pd.DataFrame:
         "of a": rows["case"], "trigger": rows["trigger"], "found": rows["found"],
         "missed": rows["missed"], "false alarms": rows["false"], "silent, rightly": rows["silent"],
         "AUC": rows["auc"].map(t), "AUC, same size": rows["auc_within"].map(t),
-        "best Youden": rows["youden"].map(t),
     })  # fmt: skip
 
 
@@ -122,28 +121,18 @@ def detection_rows(config: Config, landmarks: pd.DataFrame, found: pd.DataFrame)
     Returns
     -------
     one row per case and trigger: found, missed, false, silent (counts), auc over all cases with
-    a score, auc_within (pairs of the same number of poses, or of ranges, only), youden (best
-    sum of the true rates less 1, whatever the threshold)
+    a score, auc_within (pairs of the same number of poses, or of ranges, only)
     """
+    of_landmarks = multimodality.landmark_triggers(landmarks, config.tau, config.gap_limit)
+    of_windows = multimodality.window_triggers(found, config.tau)
     rows = []
     for case, frame, triggers, size in (
-        (
-            "landmark",
-            landmarks,
-            multimodality.landmark_triggers(landmarks, config.tau, config.gap_limit),
-            "n",
-        ),
-        ("window", found, multimodality.window_triggers(found, config.tau), "n_ranges"),
-    ):
+        ("landmark", landmarks, of_landmarks, "n"), ("window", found, of_windows, "n_ranges"),
+    ):  # fmt: skip
         wrong = (frame["kl"] > config.kl_limit).to_numpy()
         for name, (score, fires) in triggers.items():
             counts, known = precision_recall.detection(fires, wrong), ~np.isnan(score)
             scored = np.clip(score[known], -1e9, 1e9), wrong[known]
-            false_rate, true_rate = (
-                precision_recall.roc_curve(*scored)
-                if len(set(scored[1])) == 2
-                else (np.zeros(1),) * 2
-            )
             within, _ = cluster_bootstrap.within_auc(
                 *scored, frame[size].to_numpy()[known], rng=np.random.default_rng(0)
             )
@@ -151,7 +140,7 @@ def detection_rows(config: Config, landmarks: pd.DataFrame, found: pd.DataFrame)
                 "case": case, "trigger": name, "found": counts.true_positives,
                 "missed": counts.false_negatives, "false": counts.false_positives,
                 "silent": counts.true_negatives, "auc": precision_recall.roc_auc(*scored),
-                "auc_within": within.value, "youden": float((true_rate - false_rate).max()),
+                "auc_within": within.value,
             })  # fmt: skip
     return pd.DataFrame(rows)
 
@@ -223,7 +212,7 @@ def record_strong(strong: pd.DataFrame, to: report.Report) -> None:
 
 
 WHITE_TO_GREEN = LinearSegmentedColormap.from_list("", ["white", style.SAMPLES])
-LEAST = 1e-3  # what a logarithmic axis shows for less
+LEAST, FAR = 1e-3, 1e3  # what a logarithmic axis shows for less, and for a gap of more
 COLOURS = [style.ESTIMATE, style.TRIGGERED, style.LANDMARK, style.SAMPLES, style.PRIOR]
 
 
@@ -267,6 +256,22 @@ def draw_divergences(ax: Axes, found: pd.DataFrame, kl_limit: float, fires: np.n
     legend_above(ax, 2)
 
 
+def draw_gaps(ax: Axes, found: pd.DataFrame, config: Config) -> None:
+    """KL of one Gaussian against the gap of the mirror test, a dot per case, by number of poses."""
+    gap = np.minimum(found["gap"], FAR)
+    for i, n in enumerate(sorted(set(found["n"]))):
+        here = found["n"] == n
+        ax.plot(gap[here], np.maximum(found["kl"][here], LEAST), "o", ms=3, mew=0.5, mfc="none",
+                color=style.SEQUENCE[i % len(style.SEQUENCE)], label=f"{n} poses")  # fmt: skip
+    ax.axhline(config.kl_limit, color=style.TRUTH, lw=0.6, ls=":")
+    ax.axvline(config.gap_limit, color=style.TRUTH, lw=0.6, ls=":")
+    ax.set(xscale="symlog", yscale="log", xlabel="gap of the mirror test [nats]")
+    ax.set(ylabel="KL(posterior ‖ one Gaussian) [nats]", xticks=[0, 1, 10, 100, 1000])
+    ax.set_xlim(min(gap.min(), 0) - 0.5, 1.5 * FAR)
+    ax.xaxis.set_major_formatter("{x:g}")
+    legend_above(ax, 3)
+
+
 def draw_look(ax: Axes, prior: np.ndarray, samples: np.ndarray, weights: np.ndarray) -> None:
     """Draws (N, 2) of a prior, and the weighted samples that nested sampling found in it, [m]."""
     ax.plot(*prior.T, ".", ms=1.5, color=style.PRIOR, alpha=0.6, label="prior", zorder=1)
@@ -289,5 +294,5 @@ def draw_mass_errors(
                     color=COLOURS[i], label=case if k == 0 else None)  # fmt: skip
     ax.axhline(target, color=style.TRUTH, lw=0.6, ls=":")
     ax.set(yscale="log", ylabel="largest error of a mode's mass", xticks=range(len(methods)),
-           xticklabels=[method.replace(" ", "\n") for method in methods])  # fmt: skip
+           xticklabels=[method.replace(", ", ",\n") for method in methods])  # fmt: skip
     legend_above(ax, 2)
