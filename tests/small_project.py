@@ -17,6 +17,7 @@ NAME = "01_bimodal"
 CLAIMS = f"""
 reading: C
 why_this_reading: there is nothing to read
+headline: [seed, small]
 ranges:
   any: {{low: 0, high: 26, why: a count}}
 counted_once: []
