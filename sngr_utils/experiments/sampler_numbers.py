@@ -12,7 +12,7 @@ from sngr_utils.sampling import engines, laplace
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.targets import compiled
 from sngr_utils.slam.solution import Solution
-from sngr_utils.sngr import closure, corrected, noop_baseline, window_posterior, windows
+from sngr_utils.sngr import closure, noop_baseline, window_posterior, windows
 from sngr_utils.sngr.baseline import Baseline
 
 
@@ -94,16 +94,16 @@ def evidence_check(
     together), in_errors (their ratio), sd_ratio (nested over importance, geometric mean)
     """
     pieces, rows = window_posterior.expand(solution), []
-    settings = SamplerSettings(n_live=n_live, min_walks=walks)
+    settings = SamplerSettings(n_live=n_live, min_walks=walks, prior_scale=scale)
     for t in which:
         aim = window_posterior.target(solution, t, covariances[t], separators, pieces)
-        cholesky = np.linalg.cholesky(scale * aim.covariance)
-        reference = laplace.sample(aim.corrected(scale), cholesky, draws, rng=rng)
+        factors, cholesky = aim.corrected(scale), np.linalg.cholesky(scale * aim.covariance)
+        reference = laplace.sample(factors, cholesky, draws, rng=rng)
         if reference is None:
             continue
         variances = np.diag(reference.covariance)
         for _ in range(repeats):
-            run = corrected.sample_target(aim, scale, settings, "nested", rng=rng)
+            run = engines.sample_factors(factors, aim.covariance, settings, "nested", rng=rng)
             error = np.hypot(run.log_evidence_error, reference.log_evidence_error)
             difference = run.log_evidence - reference.log_evidence
             ratios = np.log(np.diag(run.covariance) / variances)

@@ -153,7 +153,7 @@ def gaussianity(
     Parameters
     ----------
     covariances : (N, 9, 9) Sigma_w
-    separators : "conditional" or "marginal", see `corrected.CorrectedSettings`
+    separators : "conditional" or "marginal", see `corrected.Corrected`
     draws : from a Student t about the Laplace Gaussian
     scale : of the prior that is divided out; 32 starts drawn from it look for modes
 
