@@ -11,7 +11,7 @@ from sngr_utils.metrics import bimodality, effective_sample_size
 from sngr_utils.sampling import engines
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.targets import compiled
-from sngr_utils.sngr import closure, corrected, noop_baseline, windows
+from sngr_utils.sngr import closure, noop_baseline, windows
 from sngr_utils.sngr.baseline import Baseline
 
 
@@ -82,11 +82,12 @@ def evidence_check(
     one row per window: difference (nested less importance, [nats]), error (of both together),
     in_errors (their ratio), sd_ratio (nested over importance, geometric mean)
     """
-    rows, settings = [], SamplerSettings(n_live=100, min_walks=walks)
+    rows, settings = [], SamplerSettings(n_live=100, min_walks=walks, prior_scale=scale)
     for one in settled:
         if one.run is None:
             continue
-        run = corrected.sample_target(one.target, scale, settings, "nested", rng=rng)
+        factors = one.target.corrected(scale)
+        run = engines.sample_factors(factors, one.target.covariance, settings, "nested", rng=rng)
         error = np.hypot(run.log_evidence_error, one.run.log_evidence_error)
         difference = run.log_evidence - one.run.log_evidence
         ratios = np.log(np.diag(run.covariance) / np.diag(one.run.covariance))

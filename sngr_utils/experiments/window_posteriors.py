@@ -170,7 +170,7 @@ def settled_targets(
     Parameters
     ----------
     covariances : (N, 9, 9) Sigma_w
-    separators : "conditional" or "marginal", see `corrected.CorrectedSettings`
+    separators : "conditional" or "marginal", see `corrected.Corrected`
     draws : from a Student t about the Laplace Gaussian
     """
     pieces, found = window_posterior.expand(solution), []

@@ -189,17 +189,26 @@ def _matchings(weights, plan, found):
     (n, columns), size = weights.shape, 1 << plan.n_open
     k, log_total = columns - 1, 0.0
     bits, shared = np.empty(k, np.int64), np.empty(k)  # of the landmarks that a row competes for
-    before = np.zeros((n + 1, size))  # weight of the first i rows on the subset s, of sum 1
-    before[0, 0] = 1.0
+    before = np.empty((n + 1, size))  # weight of the first i rows on the subset s, of sum 1
+    before[0, 0], before[0, 1:] = 1.0, 0.0
     for i in range(n):
-        now, then, kept = before[i], before[i + 1], plan.kept[i]
+        now, then = before[i], before[i + 1]
         rivals, alone = _options(weights, plan, plan.order[i], bits, shared)
         for s in range(size):
-            then[s & kept] += now[s] * alone
+            then[s] = now[s] * alone
         for c in range(rivals):  # all subsets without its bit: those in the lower half of a block
-            for block in range(0, size, 2 * bits[c]):
-                for s in range(block, block + bits[c]):
-                    then[(s | bits[c]) & kept] += now[s] * shared[c]
+            bit, share = bits[c], shared[c]
+            for block in range(0, size, 2 * bit):
+                for s in range(block, block + bit):
+                    then[s + bit] += now[s] * share
+        closed, bit = _closed(plan, i), 1
+        while bit <= closed:
+            if closed & bit:  # whether it was taken matters no more
+                for block in range(0, size, 2 * bit):
+                    for s in range(block, block + bit):
+                        then[s] += then[s + bit]
+                        then[s + bit] = 0.0
+            bit *= 2
         total = then.sum()
         if total == 0.0:
             return -math.inf
@@ -208,18 +217,25 @@ def _matchings(weights, plan, found):
     after, earlier = np.ones(size), np.empty(size)  # of later rows, if the subset s is taken
     sums = np.empty(k)
     for i in range(n - 1, -1, -1):
-        now, row, kept, free = before[i], plan.order[i], plan.kept[i], 0.0
+        now, row, free = before[i], plan.order[i], 0.0
         rivals, alone = _options(weights, plan, row, bits, shared)
+        closed, bit = _closed(plan, i), 1
+        while bit <= closed:
+            if closed & bit:
+                for block in range(0, size, 2 * bit):
+                    for s in range(block, block + bit):
+                        after[s + bit] = after[s]
+            bit *= 2
         for s in range(size):
-            free += now[s] * after[s & kept]
-            earlier[s] = alone * after[s & kept]
+            free += now[s] * after[s]
+            earlier[s] = alone * after[s]
         for c in range(rivals):
-            sums[c] = 0.0
-            for block in range(0, size, 2 * bits[c]):
-                for s in range(block, block + bits[c]):
-                    here = shared[c] * after[(s | bits[c]) & kept]
-                    sums[c] += now[s] * here
-                    earlier[s] += here
+            bit, share, total = bits[c], shared[c], 0.0
+            for block in range(0, size, 2 * bit):
+                for s in range(block, block + bit):
+                    total += now[s] * after[s + bit]
+                    earlier[s] += share * after[s + bit]
+            sums[c] = share * total
         _spread(weights, plan, row, free, sums, found)
         largest = 0.0
         for s in range(size):
@@ -228,6 +244,12 @@ def _matchings(weights, plan, found):
         for s in range(size):
             after[s] = earlier[s] / largest if now[s] > 0.0 else 0.0
     return log_total
+
+
+@compile_once
+def _closed(plan, i):
+    """Bits of the landmarks that no row after the i-th competes for."""
+    return plan.kept[i - 1] & ~plan.kept[i] if i > 0 else 0
 
 
 @compile_once

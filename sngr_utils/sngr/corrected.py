@@ -10,8 +10,8 @@ from typing import Literal
 
 import numpy as np
 
-from sngr_utils.sampling import engines, importance, laplace, weighted_samples
-from sngr_utils.sampling.settings import FastSettings, SamplerSettings
+from sngr_utils.sampling import importance, laplace, weighted_samples
+from sngr_utils.sampling.settings import FastSettings
 from sngr_utils.sampling.targets import compiled
 from sngr_utils.slam.levenberg_marquardt import converge
 from sngr_utils.slam.solution import Solution
@@ -53,25 +53,16 @@ class Corrected:
         self, target: window_posterior.Target, *, rng: np.random.Generator
     ) -> weighted_samples.WeightedSamples:
         """About the Laplace Gaussian, or about all modes where that may not be trusted."""
-        return sample_target(target, PROPOSAL_SCALE, SamplerSettings(), rng=rng)
+        return sample_target(target, PROPOSAL_SCALE, rng=rng)
 
 
 def sample_target(
-    aim: window_posterior.Target,
-    scale: float,
-    sampler: SamplerSettings,
-    engine: str = "laplace",
-    *,
-    rng: np.random.Generator,
+    aim: window_posterior.Target, scale: float, *, rng: np.random.Generator
 ) -> weighted_samples.WeightedSamples:
     """Samples of a target from the prior N(0, scale * covariance), divided out again."""
-    sampler = sampler.model_copy(update={"prior_scale": scale, "likelihood_factor": 1.0})
-    factors, covariance = aim.corrected(scale), aim.covariance
-    if engine == "laplace":
-        cholesky = np.linalg.cholesky(scale * covariance)
-        run = laplace.sample(factors, cholesky, LAPLACE_DRAWS, rng=rng)
-        return run if run is not None else _many_modes(factors, cholesky, rng)
-    return engines.sample_factors(factors, covariance, sampler, engine, rng=rng)
+    factors, cholesky = aim.corrected(scale), np.linalg.cholesky(scale * aim.covariance)
+    run = laplace.sample(factors, cholesky, LAPLACE_DRAWS, rng=rng)
+    return run if run is not None else _many_modes(factors, cholesky, rng)
 
 
 def _many_modes(
@@ -79,8 +70,8 @@ def _many_modes(
 ) -> weighted_samples.WeightedSamples:
     """Importance sampling about all modes found, for targets that are not one Gaussian.
 
-    Modes far apart need long walks in nested sampling (engine "nested", 400 of them, agrees);
-    here they cost nothing. The diagnostics' objections are kept in the note.
+    Modes far apart need long walks in nested sampling (400 of them agree); here they cost nothing.
+    The diagnostics' objections are kept in the note.
     """
     many = FastSettings(n_draws=10 * LAPLACE_DRAWS)
     draw = importance.sample(factors, cholesky, many, rng=rng)

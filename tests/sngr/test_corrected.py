@@ -19,7 +19,6 @@ from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.numerics import derivatives
 from sngr_utils.sampling import (
     compiled_nested,
-    engines,
     importance,
     laplace,
     settings,
@@ -110,9 +109,7 @@ def test_the_corrected_posterior_of_a_quiet_world_is_the_linear_one(quiet, separ
     base, solution = quiet
     t, keys = 3, windows.window_keys(3)
     aim = window_posterior.target(solution, t, base.covariances[t], separators)
-    run = corrected.sample_target(
-        aim, 4.0, settings.SamplerSettings(), rng=np.random.default_rng(0)
-    )  # fmt: skip
+    run = corrected.sample_target(aim, 4.0, rng=np.random.default_rng(0))
     if separators == "conditional":
         exact = closure.conditional_covariance(solution.graph, solution.estimate, keys)
     else:
@@ -284,9 +281,7 @@ def test_a_target_with_a_saddle_at_the_estimate_is_sampled_about_all_its_modes()
         factors=two.factors, covariance=np.eye(2), corrected=lambda scale: two.factors
     )
     assert laplace.sample(two.factors, np.eye(2), 100, rng=np.random.default_rng(0)) is None
-    run = corrected.sample_target(
-        aim, 4.0, settings.SamplerSettings(), rng=np.random.default_rng(0)
-    )  # fmt: skip
+    run = corrected.sample_target(aim, 4.0, rng=np.random.default_rng(0))
     axis = np.arange(-6, 6, 0.01)
     xi = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     prior = -0.5 * np.sum(xi**2, axis=1) / 4 - np.log(2 * np.pi * 4)
@@ -318,26 +313,9 @@ def test_objections_to_the_weights_are_noted(monkeypatch):
     )
     factors = sampler_numbers.gaussian_factors(-4 * np.eye(3))  # no peak at the estimate
     aim = SimpleNamespace(covariance=np.eye(3), corrected=lambda scale: factors)
-    run = corrected.sample_target(aim, 1.0, settings.SamplerSettings(), rng=None)
+    run = corrected.sample_target(aim, 1.0, rng=None)
     assert run.note == "modes, starts"
     assert run.calls == draw.calls
-
-
-def test_other_engines_get_the_targets_prior_and_the_whole_likelihood(monkeypatch):
-    asked = {}
-
-    def watched(factors, covariance, sampler, engine, *, rng):
-        asked.update(factors=factors, covariance=covariance, sampler=sampler, engine=engine)
-
-    monkeypatch.setattr(engines, "sample_factors", watched)
-    aim = SimpleNamespace(covariance="covariance", corrected=lambda scale: ("factors", scale))
-    ours = settings.SamplerSettings(n_live=77, min_walks=33, prior_scale=9.0)
-    corrected.sample_target(aim, 2.5, ours, "nested", rng=None)
-    assert asked["factors"] == ("factors", 2.5)
-    assert (asked["covariance"], asked["engine"]) == ("covariance", "nested")
-    assert asked["sampler"] == settings.SamplerSettings(
-        n_live=77, min_walks=33, prior_scale=2.5, likelihood_factor=1.0
-    )
 
 
 @pytest.mark.parametrize(("offset", "accepted"), [(-1e-6, True), (1e-6, False)])
