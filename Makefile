@@ -186,11 +186,12 @@ study/%: setup
 mutants: setup
 	@$(PY) scripts/mutants.py --sample $(MUTANTS) --seed $(SEED)
 
-# In copies below build/matrix; STRICT=1 fails on a skip that scripts/matrix does not name.
+# In copies below build/matrix; STRICT=1 fails on a skip that scripts/matrix does not name, and
+# MINUTES=10 begins none after that and names those that were not tried.
 .PHONY: matrix
 matrix: setup
 	@bash scripts/setup_more.sh archive scripts/archive.lock
-	@$(PY) scripts/matrix $(if $(STRICT),--strict)
+	@$(PY) scripts/matrix $(if $(STRICT),--strict) $(if $(MINUTES),--minutes $(MINUTES))
 
 lint: setup
 	@$(PY) -m ruff check . && $(PY) -m ruff format --check .

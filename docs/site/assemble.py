@@ -17,7 +17,7 @@ import glossary
 import nbformat
 
 from sngr_utils import paths
-from sngr_utils.publish import claims
+from sngr_utils.publish import claims, notebooks, trace
 
 HERE = Path(__file__).resolve().parent
 DOCS = HERE.parent
@@ -47,7 +47,7 @@ def main() -> None:
         write(f"api/{name}.rst", text)
     write("verdicts.md", verdicts())
     readme = linked(paths.README.read_text(encoding="utf-8"), paths.ROOT)
-    write("index.md", readme + downloads() + contents())
+    write("index.md", to_their_cells(readme) + downloads() + contents())
 
 
 def write(name: str | Path, text: str) -> None:
@@ -94,14 +94,17 @@ def copy(name: Path) -> None:
 
 def chapter(path: Path) -> str:
     """A notebook for the site: solutions fold, figures say what they show, cells can be linked."""
-    notebook, cells, heading = nbformat.read(path, as_version=4), [], ""
+    notebook, cells, heading, number = nbformat.read(path, as_version=4), [], "", 0
+    anchors = anchors_of(path.stem)
     for cell in notebook.cells:
         tags = cell.metadata.get("tags", [])
         if cell.cell_type == "markdown":
             heading = ([heading, *re.findall(r"^#+ (.*)$", cell.source, re.M)])[-1]
             cell.source = linked(cell.source, path.parent)
-        for tag in (tag for tag in tags if tag.startswith("claim-")):
-            cells.append(nbformat.v4.new_markdown_cell(f'<span id="{tag}"></span>'))
+        number += cell.cell_type == "code"
+        ids = [tag for tag in tags if tag.startswith("claim-")]
+        for name in ids + anchors.pop(number, []) * (cell.cell_type == "code"):
+            cells.append(nbformat.v4.new_markdown_cell(f'<span id="{name}"></span>'))
         if "solution" in tags:
             cell.metadata.tags = [*tags, "hide-cell"]
             prompts = {"code_prompt_show": "Solution", "code_prompt_hide": "Solution"}
@@ -113,6 +116,23 @@ def chapter(path: Path) -> str:
     cells[0].source = with_downloads(cells[0].source, path)
     notebook.cells = cells
     return nbformat.writes(notebook)
+
+
+def anchors_of(name: str) -> dict[int, list[str]]:
+    """Number of a code cell -> the anchors of the figures and tables that it hands on."""
+    anchors = {}
+    for (kind, what), cell in trace.handed_on(name).items():
+        if kind in ("figure", "table"):
+            anchors.setdefault(cell.number, []).append(f"{kind}-{what}")
+    return anchors
+
+
+def to_their_cells(text: str) -> str:
+    """The first page, each picture a link to the cell of a notebook that draws it."""
+
+    drawn = "|".join(notebooks.names())
+    picture = rf"(!\[[^\]]*\]\(figures/({drawn})_(\w+)\.png\))"
+    return re.sub(picture, r'<a href="notebooks/\2.html#figure-\3">\1</a>', text)
 
 
 def with_downloads(first: str, path: Path) -> str:

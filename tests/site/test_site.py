@@ -154,13 +154,14 @@ def test_equations_of_the_paper_stand_beside_their_code(page):
     assert not shown.locator("mjx-merror").count()
 
 
-@pytest.mark.parametrize("chapter", CHAPTERS)
-def test_players_play(page, chapter):
-    """Films that matplotlib wrote as HTML, if a chapter has any."""
-    shown = page.open(chapter)
-    for player in shown.locator("div.animation").all():
-        picture = player.locator("img").first
-        before = picture.get_attribute("src")
-        player.locator("button[title='Play']").click()
-        shown.wait_for_timeout(1000)
-        assert picture.get_attribute("src") != before
+def test_a_figure_of_the_first_page_leads_to_the_cell_that_draws_it(page):
+    shown = page.open("index.html")
+    links = [link.get_attribute("href") for link in shown.locator("a:has(img)").all()]
+    found = [link for link in links if "#figure-" in link]
+    assert found
+    for link in found:
+        there = page.open(link.split("#")[0])
+        anchor = there.locator(f"[id='{link.split('#')[1]}']")
+        cell = anchor.locator("xpath=following::div[contains(@class, 'cell')][1]")
+        assert anchor.count() == 1
+        assert f'"{link.split("#figure-")[1]}"' in cell.inner_text()
