@@ -116,8 +116,8 @@ def grow(config: Config) -> Growth:
     return growth.growth(config.lengths, config.part(Scenario), config.chosen, config.seed)
 
 
-def exhaustive_fast(config: Config) -> tuple[float, float]:
-    """CPU time of refining every window by the fast path, and of iSAM2, [s].
+def exhaustive_fast(config: Config) -> tuple[np.ndarray, np.ndarray]:
+    """CPU times of refining every window by the fast path, and of iSAM2, several of each, [s].
 
     On the world of `compare_engines` (`refinement_cost.exhaustive_fast`).
     """

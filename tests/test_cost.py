@@ -3,10 +3,10 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from helpers import handed_on, quick_config
+from helpers import handed_on, quick_config, read_notebook
 
 from sngr_utils import cost, full_sngr
-from sngr_utils.experiments import refinement_cost
+from sngr_utils.experiments import bench, refinement_cost
 from sngr_utils.publish import report
 from sngr_utils.show import cost as show
 
@@ -65,8 +65,9 @@ def test_three_ways_to_write_the_closure_agree(costs, tmp_path):
     to.table("cost", table, timing=True)
     to.save()
     assert (tmp_path / "x.timings.json").exists()
-    assert show.closure_table(levels, closure).shape == (3, 6)
-    assert show.calls_table(levels).shape == (1, 6)
+    ratios = show.closure_table(closure)["ratio [95 %]"]
+    assert [len(cell.numbers) for cell in ratios] == [3, 3, 1]
+    assert len(closure.seconds_loop) == refinement_cost.BATCHES
     fig, axes = plt.subplots(1, 2, figsize=(2 * 2, 2.5))
     show.draw_saving(axes[0], {"ours": ([4], [2.5]), "printed": ([], [])}, 10)
     to.figure(fig, "all")
@@ -91,3 +92,31 @@ def test_bad_cost_names_the_parameter():
 
 def test_saving_without_triggers_is_not_a_number():
     assert np.isnan(refinement_cost.saving(10.0, 0.0))
+
+
+# --- counting from scratch -----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def from_scratch():
+    """What the notebook's cells tagged "from-scratch" define."""
+    names = {"np": np}
+    for cell in read_notebook("04_cost").cells:
+        if "from-scratch" in cell.metadata.get("tags", []):
+            exec(cell.source, names)
+    return names
+
+
+def test_calls_counted_by_hand_are_those_of_a_sampler_that_asks_once_a_point(from_scratch):
+    counting = from_scratch["counted"](lambda x: -0.5 * x @ x)
+    assert [counting(np.full(2, x)) for x in (0.0, 1.0)] == [0.0, -1.0]
+    assert counting.calls == 2
+
+
+def test_saving_and_ratio_from_scratch_are_the_librarys(from_scratch):
+    rng = np.random.default_rng(0)
+    work, fired = rng.integers(100, 200, 20).astype(float), rng.random(20) < 0.4
+    level = refinement_cost.Cost(None, fired, work, work, 1.0)
+    assert from_scratch["saving"](work, fired) == pytest.approx(level.saving_calls)
+    times = rng.exponential(size=(2, 30))
+    assert from_scratch["ratio"](*times) == pytest.approx(bench.ratio(*times))

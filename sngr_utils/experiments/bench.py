@@ -60,9 +60,20 @@ MOST_BIAS, MOST_ERROR = 0.05, 0.012  # nats, of an engine's log Z, that a ratio 
 CLOSURE_LOOP, WINDOW_LOOP = "dynesty, loop over the closure", "dynesty, loop over the window"
 
 
-def ratio(performances: dict[str, Performance], name: str, to: str) -> float:
-    """How many times faster one is than another."""
-    return float(performances[to].seconds.mean() / performances[name].seconds.mean())
+def ratio(slow: np.ndarray, fast: np.ndarray) -> tuple[float, float, float]:
+    """How many times faster one is than another, and the 95 % interval of that.
+
+    The interval is that of a quotient of two means on a log scale, from the spread over repeats. It
+    says nothing of another machine, nor of another day on this one.
+
+    Parameters
+    ----------
+    slow, fast : times of repeats of each, not necessarily as many; NaN ends for a single one
+    """
+    faster = float(np.mean(slow) / np.mean(fast))
+    errors = [standard_error(times) / np.mean(times) for times in (slow, fast)]
+    reach = float(np.exp(1.96 * np.hypot(*errors)))
+    return faster, faster / reach, faster * reach
 
 
 def comparable(performance: Performance) -> bool:

@@ -134,6 +134,11 @@ def timed(work: Callable[[], T]) -> tuple[T, float]:
     return result, time.process_time() - start
 
 
+def repeated(work: Callable[[], object], repeats: int = 9) -> np.ndarray:
+    """(repeats,) CPU times of `work()`, [s]."""
+    return np.array([timed(work)[1] for _ in range(repeats)])
+
+
 def spread_evenly(n: int, total: int) -> list[int]:
     """n of `total` windows, spread evenly, of those that may trigger."""
     return np.linspace(trigger.FIRST_ELIGIBLE, total - 1, n).round().astype(int).tolist()

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from sngr_utils.experiments.engine_bench import FactorLoop, timed
+from sngr_utils.experiments.engine_bench import FactorLoop, repeated, timed
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.targets.likelihood import LocalLikelihood
 from sngr_utils.slam import selected_inverse
@@ -15,6 +15,7 @@ from sngr_utils.sngr import algorithm, gate, refine, trigger, windows
 from sngr_utils.sngr.baseline import Baseline
 from sngr_utils.sngr.closure import touching_factors, variable_closure
 
+BATCHES = 10  # of likelihood calls, each timed by itself
 EVERY = 3  # of the windows that do not trigger, every third is run and stands for all of them
 
 
@@ -29,7 +30,7 @@ class Cost:
     calls : (N,) likelihood calls of each window's run, NaN where there was none; the same on every
         machine
     seconds : (N,) CPU time of each window's run, NaN where there was none
-    isam2_seconds : CPU time of the whole iSAM2 run
+    isam2_seconds : CPU time of the whole iSAM2 run, median over repeats
     """
 
     baseline: Baseline
@@ -83,7 +84,7 @@ def measure(
     engine: str = "dynesty",
 ) -> Cost:
     """Refine the windows that trigger, and every third of the others, timing each."""
-    _, isam2_seconds = timed(lambda: run_isam2(base.world, conventions))
+    isam2_seconds = float(np.median(repeated(lambda: run_isam2(base.world, conventions))))
     fired = base.fired(tau)
     calls, seconds = np.full((2, len(fired)), np.nan)
     for t in [*np.flatnonzero(fired), *np.flatnonzero(~fired)[::EVERY]]:
@@ -96,10 +97,10 @@ def measure(
 
 def exhaustive_fast(
     base: Baseline, conventions: Conventions, sampler: SamplerSettings
-) -> tuple[float, float]:
-    """CPU time of refining every window by the fast path, with all glue, and of iSAM2, [s].
+) -> tuple[np.ndarray, np.ndarray]:
+    """CPU times of refining every window by the fast path, with all glue, and of iSAM2, [s].
 
-    The marginals are those of the selected inverse.
+    Each of several repeats. The marginals are those of the selected inverse.
     """
 
     def refine_all():
@@ -108,8 +109,7 @@ def exhaustive_fast(
         return refine_windows(anew, conventions, slice(None), sampler, "fast")
 
     refine_all()  # compile, or load what was compiled
-    _, isam2_seconds = timed(lambda: run_isam2(base.world, conventions))
-    return timed(refine_all)[1], isam2_seconds
+    return repeated(refine_all), repeated(lambda: run_isam2(base.world, conventions))
 
 
 @dataclass(frozen=True)
@@ -119,17 +119,18 @@ class ClosureCost:
     Attributes
     ----------
     all_factors, window_factors : number of factors in each
-    seconds_loop, seconds_all, seconds_window : CPU time per call: all factors one by one in
-        Python, all in one GTSAM call, those that touch the window in one GTSAM call
+    seconds_loop, seconds_all, seconds_window : (BATCHES,) CPU time per call in each batch of
+        calls: all factors one by one in Python, all in one GTSAM call, those that touch the
+        window in one GTSAM call
     largest_difference : largest deviation between the first two differences of log-likelihood
         to the MAP and the third, over random points, [nats]
     """
 
     all_factors: int
     window_factors: int
-    seconds_loop: float
-    seconds_all: float
-    seconds_window: float
+    seconds_loop: np.ndarray
+    seconds_all: np.ndarray
+    seconds_window: np.ndarray
     largest_difference: float
 
 
@@ -153,9 +154,13 @@ def closure_cost(
     points = rng.normal(size=(calls, local.dimension)) @ np.linalg.cholesky(base.covariances[t]).T
     values, seconds = [], []
     for function in (looped, all_at_once, local):
-        at_points, took = timed(lambda f=function: np.array([f(point) for point in points]))
+        batches = [
+            timed(lambda f=function, batch=batch: np.array([f(point) for point in batch]))
+            for batch in np.array_split(points, BATCHES)
+        ]
+        at_points = np.concatenate([found for found, _ in batches])
         values.append(at_points - function(np.zeros(local.dimension)))
-        seconds.append(took / len(points))
+        seconds.append(np.array([took / len(found) for found, took in batches]))
     return ClosureCost(
         whole.size(), factors.size(), *seconds,
         largest_difference=float(max(abs(v - values[2]).max() for v in values[:2])),

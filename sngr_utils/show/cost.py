@@ -1,4 +1,4 @@
-"""The tables and figures of notebook 04, and what it records: over 300 lines, with the bench."""
+"""The tables and figures of notebook 04 and of the bench, and what they record."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from sngr_utils.cost import Config, compare_engines, grow, likelihood_seconds
-from sngr_utils.experiments.bench import PEERS, WINDOW_LOOP, Performance, comparable, ratio
+from sngr_utils.experiments import bench
+from sngr_utils.experiments.bench import WINDOW_LOOP, Performance, comparable, ratio
 from sngr_utils.metrics import standard_error
 from sngr_utils.publish import cells, report
 from sngr_utils.show import style
@@ -27,11 +28,11 @@ t = cells.number
 def two_mode_table(modes: dict[int, tuple[np.ndarray, np.ndarray]]) -> pd.DataFrame:
     """The fast path on the two-mode landmark of notebook 01, as `engine_bench.two_modes` ran it."""
     rows = []
-    for n_starts, (masses, content) in modes.items():
+    for n_starts, (masses, small) in modes.items():
         right, runs = np.abs(masses - 0.5) < 0.1, len(masses)
-        counts = (cells.cell("{:d} of {:d}", n.sum(), runs) for n in (right, content & ~right))
+        counts = (cells.cell("{:d} of {:d}", n.sum(), runs) for n in (right, small & ~right))
         rows.append([n_starts, *counts, cells.mean_std(masses)])
-    columns = ["starts", "right", "wrong, k-hat content", "mass of the upper mode"]
+    columns = ["starts", "right", "wrong, k-hat small", "mass of the upper mode"]
     return pd.DataFrame(rows, columns=columns)
 
 
@@ -80,37 +81,23 @@ def _costs(cost: Cost) -> dict[str, float]:
     }
 
 
-def closure_table(costs: dict[float, Cost], closure: ClosureCost) -> pd.DataFrame:
-    """Time per likelihood call, and per window if all its calls cost that much."""
-    calls, seconds = per_window(costs)
-    rows = [
-        [name, n, t(1e6 * each, ".0f"), t(each / closure.seconds_window, ".1f"),
-         t(calls * each), t(100 * calls * each / seconds, ".0f")]
-        for name, n, each in (
-            ("closure, one by one", closure.all_factors, closure.seconds_loop),
-            ("closure, one call", closure.all_factors, closure.seconds_all),
-            ("touching factors, one call", closure.window_factors, closure.seconds_window),
-        )
-    ]  # fmt: skip
-    columns = ["likelihood", "factors", "µs per call", "ratio", "s per window", "% of ours"]
+def closure_table(closure: ClosureCost) -> pd.DataFrame:
+    """Time per likelihood call with its quartiles over batches, and ratios to the quickest."""
+    rows = []
+    for name, n, seconds in (
+        ("closure, one by one", closure.all_factors, closure.seconds_loop),
+        ("closure, one call", closure.all_factors, closure.seconds_all),
+        ("touching factors, one call", closure.window_factors, closure.seconds_window),
+    ):
+        dearer = cells.with_interval(*ratio(seconds, closure.seconds_window), ".1f")
+        dearer = t(1.0, ".1f") if seconds is closure.seconds_window else dearer
+        rows.append([name, n, _with_quartiles(1e6 * seconds, ".0f"), dearer])
+    columns = ["likelihood", "factors", "µs per call [quartiles]", "ratio [95 %]"]
     return pd.DataFrame(rows, columns=columns)
 
 
-def calls_table(costs: dict[float, Cost]) -> pd.DataFrame:
-    """Likelihood calls, which are the same on every machine."""
-    rows = [
-        [
-            f"{p:g}",
-            int(cost.fired.sum()),
-            t(cost.exhaustive(cost.calls) / len(cost.calls), ".0f"),
-            t(float(cost.calls[cost.fired].sum()), ".0f"),
-            t(cost.exhaustive(cost.calls), ".0f"),
-            t(cost.saving_calls, ".1f"),
-        ]
-        for p, cost in costs.items()
-    ]
-    columns = ["p", "triggered", "calls per window", "selective", "exhaustive", "saving"]
-    return pd.DataFrame(rows, columns=columns)
+def _with_quartiles(values: np.ndarray, fmt: str) -> cells.Cell:
+    return cells.with_interval(float(values.mean()), *np.quantile(values, [0.25, 0.75]), fmt)
 
 
 def record(
@@ -128,11 +115,11 @@ def record(
     to.value("closure.all_factors", closure.all_factors, ".0f")
     to.value("closure.window_factors", closure.window_factors, ".0f")
     isam2 = np.mean([cost.isam2_seconds for cost in costs.values()])
-    in_likelihood = calls * closure.seconds_window / seconds
+    in_likelihood = calls * closure.seconds_window.mean() / seconds
     for key, value, fmt in (
         ("cost.window_over_isam2", seconds / isam2, ".0f"),
         ("cost.likelihood_share", 100 * in_likelihood, ".0f"),
-        ("closure.loop_over_window", closure.seconds_loop / closure.seconds_window, ".0f"),
+        ("closure.loop_over_window", ratio(closure.seconds_loop, closure.seconds_window)[0], ".0f"),
     ):
         to.value(key, value, fmt, timing=True)
     to.value("cost.isam2_seconds", isam2, ".3f", "s", timing=True)
@@ -141,7 +128,7 @@ def record(
 def record_engines(
     performances: dict[str, Performance],
     grown: Growth,
-    fast: tuple[float, float],
+    fast: tuple[np.ndarray, np.ndarray],
     to: report.Report,
 ) -> None:
     """Hand the comparison of the engines to the paper; `fast` is that of `exhaustive_fast`."""
@@ -150,8 +137,10 @@ def record_engines(
         "nested_few", "nested", "fast",
     ), performances, strict=True))  # fmt: skip
     for key in ("closure_loop", "nested", "fast"):
-        faster = ratio(performances, names[key], WINDOW_LOOP)
-        to.value(f"engine.{key}.ratio", faster, ".1f" if faster < 10 else ".0f", timing=True)
+        faster, low, high = times_faster(performances, names[key], WINDOW_LOOP)
+        error = None if key == "closure_loop" else (high - low) / (2 * 1.96)
+        to.value(f"engine.{key}.ratio", faster, ".1f" if faster < 10 else ".0f", error=error,
+                 timing=True)  # fmt: skip
     for key in ("window_loop", "nested_few", "nested"):
         errors = performances[names[key]].errors
         error = standard_error.standard_error(errors)
@@ -159,7 +148,7 @@ def record_engines(
     rms = float(np.sqrt(np.mean(performances["fast path"].errors ** 2)))
     to.value("engine.fast.rms", rms, ".3f", "nats", n=len(performances["fast path"].errors),
              within=0.005)  # fmt: skip
-    to.value("engine.fast_all_over_isam2", fast[0] / fast[1], ".1f", timing=True)
+    to.value("engine.fast_all_over_isam2", ratio(*fast)[0], ".1f", timing=True)
     inverse, together, anew = (
         grown.seconds[f"marginals, {how}"]
         for how in ("selected inverse", "GTSAM", "GTSAM, asked anew for each window")
@@ -197,11 +186,9 @@ def speed_table(
         fmt = ".0f" if milliseconds.mean() > 50 else ".1f"
         rows.append({
             "engine": name,
-            "ratio": _ratio(performances, name, WINDOW_LOOP),
+            "ratio [95 %]": _ratio(performances, name, WINDOW_LOOP),
             **({f"over {best}": _ratio(performances, name, best)} if best else {}),
-            "ms per window [quartiles]": cells.with_interval(
-                milliseconds.mean(), *np.quantile(milliseconds, [0.25, 0.75]), fmt
-            ),
+            "ms per window [quartiles]": _with_quartiles(milliseconds, fmt),
             "calls alone [ms]": t(1e3 * calls * per_call, ".1f"),
             "calls": t(calls, ".0f"),
             "ESS per s": t(p.ess.sum() / p.seconds.sum(), ".0f"),
@@ -209,20 +196,20 @@ def speed_table(
     return pd.DataFrame(rows)
 
 
+def times_faster(
+    performances: dict[str, Performance], name: str, to: str = WINDOW_LOOP
+) -> tuple[float, float, float]:
+    """How many times faster one contender is than another, with its interval; see `bench.ratio`."""
+    return ratio(performances[to].seconds, performances[name].seconds)
+
+
 def _ratio(performances: dict[str, Performance], name: str, to: str) -> cells.Cell | str:
-    if name != to and not comparable(performances[name]):
+    if name == to:
+        return t(1.0, ".1f")
+    if not comparable(performances[name]):
         return cells.NONE
-    faster = ratio(performances, name, to)
-    return t(faster, ".1f" if faster < 10 else ".0f")
-
-
-def speed_series(
-    performances: dict[str, Performance], per_call: float
-) -> tuple[list[str], list[float], list[float]]:
-    """Names, measured time and limit, [ms], as `cost.draw_engines` takes them."""
-    measured = [1e3 * p.seconds.mean() for p in performances.values()]
-    limits = [1e3 * p.calls.mean() * per_call for p in performances.values()]
-    return list(performances), measured, limits
+    faster = times_faster(performances, name, to)
+    return cells.with_interval(*faster, ".1f" if faster[0] < 10 else ".0f")
 
 
 def accuracy_table(performances: dict[str, Performance]) -> pd.DataFrame:
@@ -265,27 +252,34 @@ def draw_saving(
 
 
 def draw_engines(
-    ax: Axes, names: Sequence[str], milliseconds: Sequence[float], limits: Sequence[float]
+    axes: Sequence[Axes], performances: dict[str, Performance], per_call: float
 ) -> None:
-    """CPU time of a window per engine, log scale, with the time of its likelihood calls alone."""
-    y = np.arange(len(names))[::-1]
-    ax.hlines(y, limits, milliseconds, color=style.SAMPLES, lw=0.8)
-    ax.plot(milliseconds, y, "o", color=style.SAMPLES, label="measured")
-    ax.plot(limits, y, "|", color=style.TRUTH, ms=7, label="likelihood calls alone, compiled")
-    ax.set_xscale("log")
-    ax.set_yticks(y, names)
-    ax.set(xlabel="ms per window", ylim=(-0.6, len(names) - 0.4))
-    legend_above(ax, ncols=2)
+    """CPU time of a window per engine with quartiles, log scale, beside the bias of its log Z.
+
+    A short stroke is the time of the likelihood calls alone. The grey band is what a bias may be
+    for a ratio to stand; filled are engines whose interval lies within it and is narrow enough.
+    """
+    y, (left, right) = np.arange(len(performances))[::-1], axes
+    limits = [1e3 * p.calls.mean() * per_call for p in performances.values()]
+    left.plot(limits, y, "|", color=style.TRUTH, ms=7, label="likelihood calls alone, compiled")
+    right.axvspan(-bench.MOST_BIAS, bench.MOST_BIAS, color=style.PRINTED, alpha=0.3, lw=0)
+    for at, p in zip(y, performances.values(), strict=True):
+        look = {"color": style.SAMPLES, "mfc": style.SAMPLES if comparable(p) else "none"}
+        left.plot(1e3 * np.quantile(p.seconds, [0.25, 0.75]), [at, at], lw=3, alpha=0.4, **look)
+        left.plot(1e3 * p.seconds.mean(), at, "o", ms=4, **look)
+        reach = 1.96 * standard_error.standard_error(p.errors)
+        right.errorbar(p.errors.mean(), at, xerr=reach, fmt="o", ms=4, lw=0.8, **look)
+    left.set(xscale="log", xlabel="CPU time per window [ms], quartiles", ylim=(-0.6, len(y) - 0.4))
+    left.set_yticks(y, list(performances))
+    right.set(xlabel="bias of log Z [nats], 95 %", ylim=left.get_ylim(), yticks=[])
+    legend_above(left)
 
 
 def draw_growth(ax: Axes, lengths: np.ndarray, seconds: dict[str, np.ndarray],
                 slopes: dict[str, float]) -> None:  # fmt: skip
     """CPU time [s] against the number of poses, log-log, one line per method with its slope."""
-    looks = zip(
-        (style.ESTIMATE, style.PRINTED, style.TRIGGERED, style.LANDMARK, style.SAMPLES),
-        "os^vD", strict=True,
-    )  # fmt: skip
-    for (name, values), (colour, marker) in zip(seconds.items(), looks, strict=True):
+    colours = (style.ESTIMATE, style.PRINTED, style.TRIGGERED, style.LANDMARK, style.SAMPLES)
+    for (name, values), colour, marker in zip(seconds.items(), colours, "os^vD", strict=True):
         label = f"{name}: slope {slopes[name]:.2f}"
         ax.loglog(lengths, values, marker=marker, color=colour, label=label)
     ax.set(xlabel="poses", ylabel="CPU time [s]")
@@ -295,7 +289,7 @@ def draw_growth(ax: Axes, lengths: np.ndarray, seconds: dict[str, np.ndarray],
 def print_bench(config: Config) -> None:
     """What ``make bench`` prints: speed and accuracy of the engines, growth of the marginals."""
     performances = compare_engines(config, with_peers=True)
-    peers = [name for name in performances if name in PEERS]
+    peers = [name for name in performances if name in bench.PEERS]
     print(speed_table(performances, likelihood_seconds(config), peers).to_string(index=False))
     if not peers:
         print("no other people's samplers are installed: pip install 'sngr_utils[peers]'")
