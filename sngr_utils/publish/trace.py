@@ -2,9 +2,11 @@
 
 import ast
 import json
+import re
 from dataclasses import dataclass
 
 from sngr_utils import paths
+from sngr_utils.publish.files import read_json
 
 KINDS = {
     "table": "table", "supplement": "table", "figure": "figure",
@@ -49,16 +51,31 @@ def code_cells(notebook: str) -> list[Cell]:
 def handed_on(notebook: str) -> dict[tuple[str, str], Cell]:
     """("table", "figure" or "value", name) -> its cell, as far as a cell says the name itself.
 
-    A figure of wall clocks has the name that its file has, ending in ``_timing``.
+    A table named in a loop, by an f-string, is sought among those of the reference. A figure of
+    wall clocks has the name that its file has, ending in ``_timing``.
     """
-    found = {}
+    found, formed = {}, []
     for cell, call in _calls(notebook):
         kind = KINDS.get(call.func.attr)
         for arg in call.args if kind else ():
             if isinstance(arg, ast.Constant) and isinstance(arg.value, str):
                 timed = kind == "figure" and any(word.arg == "timing" for word in call.keywords)
                 found.setdefault((kind, arg.value + "_timing" * timed), cell)
+            elif isinstance(arg, ast.JoinedStr) and kind == "table":
+                formed += [(name, cell) for name in _tables_like(notebook, arg)]
+    for name, cell in formed:
+        found.setdefault(("table", name), cell)
     return found
+
+
+def _tables_like(notebook: str, name: ast.JoinedStr) -> list[str]:
+    """The tables of the reference that an f-string can be the name of."""
+    path = paths.REFERENCE / f"{notebook}.json"
+    keys = read_json(path) if path.exists() else {}
+    parts = [re.escape(part.value) if isinstance(part, ast.Constant) else r"\w+"
+             for part in name.values]  # fmt: skip
+    known = dict.fromkeys(re.findall(r"^tab_(\w+)\.row1\.", "\n".join(keys), re.MULTILINE))
+    return [each for each in known if re.fullmatch("".join(parts), each)]
 
 
 def recording(notebook: str) -> list[Cell]:

@@ -110,6 +110,16 @@ def test_a_table_or_figure_leads_to_its_cell(name, notebook, cell):
     assert f'"{cell}"' in found.source
 
 
+def test_a_table_that_a_loop_names_is_found_by_the_reference(tmp_path, monkeypatch):
+    """The loop comes first, and the table that a cell names itself stays that cell's."""
+    sources = ['for x in "ab":\n    paper.table(f"t_{x}", x)', 'paper.supplement("t_b", x)']
+    cells = [trace.Cell(NAME, i, 1, source, ()) for i, source in enumerate(sources, start=1)]
+    monkeypatch.setattr(trace, "code_cells", lambda notebook: cells)
+    monkeypatch.setattr(paths, "REFERENCE", tmp_path)
+    files.write_json(tmp_path / f"{NAME}.json", {"tab_t_a.row1.column2": {}, "tab_u.row1.c": {}})
+    assert trace.handed_on(NAME) == {("table", "t_a"): cells[0], ("table", "t_b"): cells[1]}
+
+
 def test_a_claim_is_told_with_its_verdict():
     claim, verdict = next(iter(files.read_json(paths.VERDICTS)[claims.read().reading].items()))
     (entry,) = [each for each in claims.read().numbers if each.id == claim]
