@@ -26,6 +26,7 @@ def draw_verdicts(ax: Axes, found: Mapping[str, tuple[float, float, float, str]]
         colour = style.PRINTED if verdict == "untestable" else style.ESTIMATE
         ax.plot([0, 1], [y, y], color=style.TRUTH, lw=0.4)
         ax.plot([low, high], [y, y], color=colour, lw=6, solid_capstyle="butt")
+        ax.plot([low, high], [y, y], "|", color=colour, ms=8, mew=2)  # a bar of no width shows too
         ax.plot(printed, y, "D", color=style.TRIGGERED, ms=4)
         ax.text(1.03, y, verdict, va="center")
     ax.set_yticks(range(len(found)), list(found))

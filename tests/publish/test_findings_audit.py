@@ -120,8 +120,11 @@ def test_a_window_has_the_effective_sample_size_of_a_gaussian():
 
 
 def test_windows_with_neighbours_held_are_gaussian():
-    assert value("gaussian.conditional.near") == value("gaussian.conditional.windows")
-    assert value("gaussian.marginal.near") < value("gaussian.marginal.windows")
+    """One in 370 lies beyond three errors by chance: of 144 more than three at 1 in 1,500."""
+    windows, near = (value(f"gaussian.conditional.{name}") for name in ("windows", "near"))
+    assert windows - near <= 3
+    assert value("gaussian.conditional.largest") < 0.015
+    assert value("gaussian.marginal.near") < near
     assert value("gaussian.marginal.largest") < 0.1
 
 
@@ -147,8 +150,8 @@ def test_losses_that_doubt_beat_odometry_and_least_squares_does_not():
 def test_settling_moves_more_than_refining_and_the_marginal_version_harms_under_c():
     """Rows of `corrected`: conditional, marginal, paper, under A, B, C."""
     for first in (1, 7):
-        assert entry("corrected", first, 7, 3) < 0
-        assert abs(entry("corrected", first, 8)) < 1 < abs(entry("corrected", first, 7))
+        assert abs(entry("corrected", first, 8)) < 1
+        assert abs(entry("corrected", first, 7)) > 10
     for row in (1, 4, 7):
         assert entry("corrected", row, 6) < 0.01  # nothing to gain
         assert abs(entry("corrected", row + 1, 8)) < 10  # mm, in the median
