@@ -98,9 +98,9 @@ def test_covariances():
     oracle = median("oracle", "0.4", "nees")
     for method in ("isam2", "sngr", "least_squares"):
         assert median(method, "0.4", "nees") > 10 * oracle
-    for method in ("huber", "fastslam"):
+    for method, p in (("huber", "0.4"), *(("fastslam", p) for p in LEVELS)):
         less, more, p_value = summaries.sign_test(
-            worlds(method, "0.4", "nees") - worlds("oracle", "0.4", "nees")
+            worlds(method, p, "nees") - worlds("oracle", p, "nees")
         )
         assert more > less
         assert p_value < 0.05
