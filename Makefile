@@ -139,6 +139,7 @@ pdf: setup
 .PHONY: typeset
 typeset:
 	@$(RUN) latex
+	@[ ! -d build/paper ] || find build/paper/ -type l -exec rm -f {} + # TeX would write through them
 	@bash scripts/typeset.sh
 
 test: check

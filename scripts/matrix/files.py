@@ -1,6 +1,8 @@
 """Situations of files: each below build/, figures/, params/ and paper/ damaged in turn."""
 
-from copies import NAME, Copy
+import shutil
+
+from copies import NAME, Copy, need
 
 SITUATIONS = {}
 DAMAGE = """
@@ -76,3 +78,34 @@ def damage(folder: str) -> None:
 
 for folder in ("build/results", "build/runs", "build/executed", "figures", "params", "paper"):
     damage(folder)
+
+
+def spoil_typesetting(copy: Copy) -> None:
+    """Damage all that LaTeX has left, in one way after the other; the PDF is made all the same."""
+    need("latexmk", "--version", reason="TeX is missing")
+    precious = copy.write("precious", "precious")
+    ways = {
+        "empty": lambda path: path.write_bytes(b""),
+        "not text": lambda path: path.write_bytes(b"\xff\xfe\0"),
+        "a folder": lambda path: (path / "in it").mkdir(parents=True),
+        "a link to itself": lambda path: path.symlink_to(path.name),
+        "a link to another file": lambda path: path.symlink_to(precious),
+    }
+    for way, spoil in ways.items():
+        left = [path for path in (copy.root / "build/paper").iterdir() if path.is_file()]
+        assert left
+        for path in left:
+            path.unlink()
+            spoil(path)
+        try:
+            copy.works("pdf")
+            copy.same_as_template()
+        except AssertionError as error:
+            raise AssertionError(f"{way}: {error}") from error
+        assert precious.read_text() == "precious", f"{way} was written through"
+    shutil.rmtree(copy.root / "build/paper")
+    copy.write("build/paper", "a file")
+    copy.works("pdf")
+
+
+SITUATIONS["each file of build/paper/ damaged, and the folder a file"] = spoil_typesetting
