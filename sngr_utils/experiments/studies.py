@@ -16,7 +16,14 @@ import numpy as np
 import pandas as pd
 
 from sngr_utils import paths
-from sngr_utils.experiments import every_world, isam2_over_worlds, real_data, row_store
+from sngr_utils.experiments import (
+    every_world,
+    isam2_over_worlds,
+    long_stream,
+    real_data,
+    row_store,
+    sensitivity,
+)
 from sngr_utils.experiments.many_worlds import map_worlds
 from sngr_utils.settings import READING
 from sngr_utils.slam.conventions import PRESETS
@@ -52,8 +59,11 @@ STUDIES = {
     "plaza": Study(real_data.run_plaza, real_data.plaza_cells(range(7000, 7005)), within=1e-3),
     # GOATS, by ranges held out
     "goats": Study(real_data.run_goats, [(15,), (16,)], within=1e-3),
-    # the online estimator in worlds of every kind, 30 of each
-    "every_world": Study(every_world.rows, every_world.cells(range(8000, 8030))),
+    # the online estimator in worlds of every kind, and as it drives on
+    "every_world": Study(every_world.rows, every_world.cells(range(8000, 8006))),
+    "long_stream": Study(long_stream.rows, [(3000, 0.0, 100)]),
+    # with each of its constants at half and at twice its value
+    "sensitivity": Study(sensitivity.rows, sensitivity.cells(range(130, 132))),
 }
 
 
