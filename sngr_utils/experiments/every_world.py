@@ -96,8 +96,8 @@ ROWS = [
 
 def cells(seeds: range) -> list[tuple]:
     """Arguments of `rows` for every kind."""
-    return [(kind, preset, p, seed) for kind, preset, levels in ROWS for p in levels
-            for seed in seeds]  # fmt: skip
+    return [(kind, preset, p, seed) for seed in seeds for kind, preset, levels in ROWS
+            for p in levels]  # fmt: skip
 
 
 def draw(kind: str, p: float, seed: int) -> tuple[World, World]:
