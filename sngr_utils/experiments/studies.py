@@ -19,10 +19,12 @@ from sngr_utils import paths
 from sngr_utils.experiments import (
     every_world,
     isam2_over_worlds,
+    long_stream,
     real_data,
     real_online,
     real_peers,
     row_store,
+    sensitivity,
 )
 from sngr_utils.experiments.many_worlds import map_worlds
 from sngr_utils.settings import READING
@@ -64,8 +66,11 @@ STUDIES = {
     "plaza_peers": Study(real_peers.run, real_peers.cells(PLAZA), within=1e-3),
     # GOATS, by ranges held out
     "goats": Study(real_data.run_goats, [(15,), (16,)], within=1e-3),
-    # the online estimator in worlds of every kind, 30 of each
-    "every_world": Study(every_world.rows, every_world.cells(range(8000, 8030))),
+    # the online estimator in worlds of every kind, and as it drives on
+    "every_world": Study(every_world.rows, every_world.cells(range(8000, 8006))),
+    "long_stream": Study(long_stream.rows, [(3000, 0.0, 100)]),
+    # with each of its constants at half and at twice its value
+    "sensitivity": Study(sensitivity.rows, sensitivity.cells(range(130, 132))),
 }
 
 

@@ -316,16 +316,17 @@ class Online:
         others = [rivals.Rival(log, found, rivals.cost_of(log, found))]
         if restart and self.settings.doubt_odometry and log.n_poses <= 2 * WINDOW:
             best = min((ours, found), key=lambda one: rivals.cost_of(log, one))
-            if diagnosis.diagnose(log, told, best, self.held_out, np.inf).misfits:
+            misfits = diagnosis.diagnose(log, told, best, self.held_out, np.inf).misfits
+            if misfits or belief.slipped.any():
                 slipped = rivals.with_a_slip(log.with_covariances(told), self._fit)
                 others += [slipped] if slipped else []
         for rival in sorted(others, key=lambda one: one.cost):
-            if not rivals.differ(log, ours, rival.found):
-                continue
+            different = rivals.differ(log, ours, rival.found)
             if restart and rival.cost < mine - BETTER:
-                belief.counts["batch restarts"] += 1
-                log, ours, gap, mine = rival.log, rival.found, mine - rival.cost, rival.cost
-            else:
+                belief.counts["batch restarts"] += different
+                gap = mine - rival.cost if different else gap
+                log, ours, mine = rival.log, rival.found, rival.cost
+            elif different:
                 gap = min(gap, rival.cost - mine)
         self._adopt(log, told, ours)
         return float(gap)

@@ -1,4 +1,4 @@
-"""Delayed initialisation of landmarks: started once their posterior has one mode, out if wrong.
+"""Delayed initialisation: a landmark starts where its posterior has one mode, or is removed.
 
 A landmark seen from a short arc has a mirror image. The mirror test says so without sampling.
 Where it sees one place, many starts say whether that is all, and where they would start a
