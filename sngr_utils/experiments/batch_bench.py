@@ -1,10 +1,9 @@
 """The compiled batch estimates and GTSAM's on the same worlds, in turn: their times and ends."""
 
-import time
-
 import numpy as np
 
 from sngr_utils.experiments import gtsam_estimates
+from sngr_utils.experiments.engine_bench import timed
 from sngr_utils.robust import em, losses
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.landmark_starts import start_landmarks
@@ -35,18 +34,19 @@ def _one(the_world: World, conventions: Conventions, method: str) -> tuple[float
     log = the_world.log(conventions.x0_sigmas)
     blind = dead_reckoning(log.x0_mean, log.odometry)
     start, exclusive = (blind, start_landmarks(log, blind, "grid")), method == "em_exclusive"
-    before = time.process_time()
     if method in EM:
-        ours = em.fit(log, conventions, start, exclusive=exclusive, clutter=False).poses
+        ours, taken = timed(
+            lambda: em.fit(log, conventions, start, exclusive=exclusive, clutter=False).poses
+        )
+        theirs, by_gtsam = timed(
+            lambda: gtsam_estimates.fit(the_world, conventions, start, exclusive)[0]
+        )
     else:
-        ours = losses.solve(log, conventions, method, start).poses
-    between = time.process_time()
-    if method in EM:
-        theirs, _ = gtsam_estimates.fit(the_world, conventions, start, exclusive)
-    else:
-        theirs = gtsam_estimates.solve(the_world, conventions, method, start).poses
-    after = time.process_time()
-    return between - before, after - between, float(np.abs(ours - theirs)[:, :2].max())
+        ours, taken = timed(lambda: losses.solve(log, conventions, method, start).poses)
+        theirs, by_gtsam = timed(
+            lambda: gtsam_estimates.solve(the_world, conventions, method, start).poses
+        )
+    return taken, by_gtsam, float(np.abs(ours - theirs)[:, :2].max())
 
 
 def print_all(conventions: Conventions) -> None:

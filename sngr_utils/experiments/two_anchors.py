@@ -29,7 +29,7 @@ def start_at(place: str) -> tuple[np.ndarray, np.ndarray]:
     landmark's own prior, in the direction in which the landmark could be on either side.
     """
     start = SCENE.modes[0] if place == "mode" else SCENE.saddle
-    return start, posterior().gauss_newton_covariance(start)
+    return start, np.linalg.inv(SCENE.gauss_newton_hessian(start))
 
 
 def nested_from_a_mode(n_live: int, seed: int) -> dict[str, weighted_samples.WeightedSamples]:

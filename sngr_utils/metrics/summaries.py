@@ -33,11 +33,6 @@ def summary(frame: pd.DataFrame, value: str, by: Sequence[str] = ("preset", "p")
     return table.assign(low=table["mean"] - reach, high=table["mean"] + reach).reset_index()
 
 
-def mean_and_errors(values: pd.Series) -> pd.Series:
-    """The row of `summary` for one group of values."""
-    return summary(pd.DataFrame({"all": 0, "of": values}), "of", ["all"]).iloc[0]
-
-
 def precision_over_base(detections: pd.DataFrame, runs: pd.DataFrame) -> pd.Series:
     """Precision less the base rate of the same world; NaN where nothing fired or all are alike.
 

@@ -29,8 +29,9 @@ if numba.config.DISABLE_JIT:
         "NUMBA_DISABLE_JIT is set: nothing is compiled, all takes far longer", stacklevel=2
     )
 
-# No Python objects inside, so threads run in parallel; x / 0 is inf, as in NumPy.
-compile_once = numba.njit(cache=True, nogil=True, error_model="numpy")
+# No Python objects inside, so threads run in parallel; x / 0 is inf, as in NumPy; nothing is
+# called from C, whose wrappers are a seventh of the time that compiling takes.
+compile_once = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 
 # Python where Python calls it, with arrays too; compiled into what is compiled.
 also_compile_once = numba.extending.register_jitable

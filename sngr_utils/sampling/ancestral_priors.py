@@ -11,10 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtri
 
 from sngr_utils.sampling import compiled_nested
-from sngr_utils.sampling.dynesty_nested import run_nested
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.targets.ambiguous_window import LOG_TAU, Window, WindowFactors
 from sngr_utils.sampling.targets.landmark import Landmark, LandmarkFactors, ring_density, ring_place
@@ -31,14 +29,14 @@ class Prior:
     push : (d,) standard normals to a (d,) point that follows the density
     log_density : (N, d) points to (N,) log densities, [nats]
     lower : (d, d) L if it is a Gaussian N(mean, L L^T), and the unit matrix for the others
-    factors : target to what the compiled sampler takes; None if it cannot
+    factors : target to what the compiled sampler takes
     """
 
     dimension: int
     push: Callable[[np.ndarray], np.ndarray]
     log_density: Callable[[np.ndarray], np.ndarray]
     lower: np.ndarray
-    factors: Callable[[Landmark | Window], LandmarkFactors | WindowFactors] | None
+    factors: Callable[[Landmark | Window], LandmarkFactors | WindowFactors]
 
     def draw(self, n: int, *, rng: np.random.Generator) -> np.ndarray:
         """(n, d) draws"""
@@ -79,32 +77,14 @@ def ring(target: Landmark) -> Prior:
 
 
 def tree(target: Window) -> Prior:
-    """Root to leaves: the noises of the chain, then a ring around the pose of the first range.
-
-    Without an unknown landmark the tree is the chain alone, a standard Gaussian of its noises.
-    """
-    n = target.n_noises
-    chain = gaussian(np.zeros(n), np.eye(n), 1.0)
-    if not target.unknown:
-        return chain
-    first, distance, sigma = target.pose_of[0], float(target.ranges[0]), target.range_sigma
-
-    def push(z):
-        centre = target.positions(z[None, :n])[0, first]
-        return np.concatenate([z[:n], ring_place(centre, distance, sigma, z[n:])])
-
-    def log_density(points):
-        offsets = points[:, n:] - target.positions(points[:, :n])[:, first]
-        rings = np.array([ring_density(*offset, distance, sigma) for offset in offsets])
-        return chain.log_density(points[:, :n]) + rings
-
-    return Prior(target.dimension, push, log_density, np.eye(target.dimension), None)
+    """Root to leaves: the chain alone, a standard Gaussian of its noises; the map is known."""
+    return gaussian(np.zeros(target.dimension), np.eye(target.dimension), 1.0)
 
 
-def sample_dynesty(
+def sample(
     target: Landmark | Window, prior: Prior, settings: SamplerSettings, *, rng: np.random.Generator
 ) -> WeightedSamples:
-    """Nested sampling of a target inside a prior, by dynesty.
+    """Nested sampling of a target inside a prior, compiled.
 
     The likelihood is the target over the prior: what the tree holds already is not counted
     again. `SamplerSettings.prior_scale` and `likelihood_factor` have no say here.
@@ -112,28 +92,6 @@ def sample_dynesty(
     Source: Huang, Papalia, Leonard, Nested sampling for non-Gaussian inference in SLAM factor
     graphs, RA-L 2022 (ancestral sampling of the prior).
     """
-
-    def log_likelihood(point):
-        points = point[None]
-        return float(target(points)[0] - prior.log_density(points)[0])
-
-    def transform(unit):
-        return prior.push(ndtri(unit))
-
-    return run_nested(log_likelihood, transform, prior.dimension, settings, rng=rng)
-
-
-def sample(
-    target: Landmark | Window, prior: Prior, settings: SamplerSettings, *, rng: np.random.Generator
-) -> WeightedSamples:
-    """`sample_dynesty` with the project's compiled nested sampler, some thirty times as fast.
-
-    Raises
-    ------
-    ValueError : the prior is the tree of an unknown landmark, which has no compiled form
-    """
-    if prior.factors is None:
-        raise ValueError("prior is the tree of an unknown landmark: only dynesty samples it")
     run = compiled_nested.sample(
         prior.factors(target), prior.lower, settings.n_live, settings.walks(prior.dimension),
         settings.dlogz, rng=rng,

@@ -33,7 +33,9 @@ def walk(factors, limit, walks, scale, live_z, live_x, z, x, poses, points, rng)
     """
     d, n = len(z), len(live_z)
     new_z, new_x = np.empty(d), np.empty(d)
-    norm = np.sum(z * z)
+    norm = 0.0
+    for i in range(d):
+        norm += z[i] * z[i]
     at, accepted, calls = math.inf, 0, 0
     for _ in range(walks):
         a = int(n * rng.random())
@@ -51,7 +53,8 @@ def walk(factors, limit, walks, scale, live_z, live_x, z, x, poses, points, rng)
         calls += 1
         there = evaluate(factors, new_x, poses, points, limit)
         if there < limit:
-            z[:], x[:] = new_z, new_x
+            for i in range(d):
+                z[i], x[i] = new_z[i], new_x[i]
             norm, at = new_norm, there
             accepted += 1
     return at, accepted, calls

@@ -110,14 +110,8 @@ def window_reference(
     ----------
     kept : of a filter's particles at the end; all if None
 
-    Raises
-    ------
-    ValueError : a landmark of the target is unknown, so that its chain alone is no prior
-
     Source: Gordon, Salmond & Smith, IEE Proceedings F 140 (1993) 107; systematic resampling.
     """
-    if target.unknown:
-        raise ValueError("target has an unknown landmark: the filters draw poses only")
     kept = kept or n
     runs = [
         _filter(

@@ -36,7 +36,7 @@ def test_every_engine_takes_part_and_is_measured(engines):
     assert show.times_faster(performances, "fast path")[0] > 10
 
 
-def test_bench_tables_and_values(engines, tmp_path, capsys):
+def test_bench_tables_and_values(engines, tmp_path, capsys, monkeypatch):
     config, performances = engines
     per_call = cost.likelihood_seconds(config)
     assert 1e-8 < per_call < 1e-4
@@ -58,6 +58,8 @@ def test_bench_tables_and_values(engines, tmp_path, capsys):
     assert results["values"]["engine.nested.bias"]["n"] == 20
     assert results["figures"] == ["04_cost_growth_timing.pdf"]
     plt.close(fig)
+    monkeypatch.setattr(show, "compare_engines", lambda config, with_peers: performances)
+    monkeypatch.setattr(show, "grow", lambda config: grown)
     show.print_bench(config)
     assert "fast path" in capsys.readouterr().out
 
@@ -69,11 +71,8 @@ def test_refining_all_windows_by_the_fast_path_is_cheap():
     assert np.median(seconds) < 0.5
 
 
-def test_growth_measures_what_it_says(engines):
-    config, _ = engines
-    grown = growth.growth(
-        config.lengths, config.part(Scenario), conventions.PRESETS["B"], config.seed
-    )  # fmt: skip
+def test_growth_measures_what_it_says():
+    grown = growth.growth(SMALL["lengths"], Scenario(), conventions.PRESETS["B"], 0)
     assert set(grown.seconds) == set(growth.GROWTH)
     assert all((seconds > 0).all() for seconds in grown.seconds.values())
     assert grown.largest_error < 1

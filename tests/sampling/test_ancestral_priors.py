@@ -1,7 +1,6 @@
 """Ancestral priors: drawn as they are weighed, and the evidence they lead to."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from sngr_utils.sampling import ancestral_priors
 from sngr_utils.sampling.modes import find_modes, ring_starts
 from sngr_utils.sampling.reference import landmark_reference, window_reference
 from sngr_utils.sampling.settings import SamplerSettings
-from sngr_utils.sampling.targets import ambiguous_window, compiled, landmark
+from sngr_utils.sampling.targets import compiled, landmark
 
 SETTINGS = SamplerSettings(n_live=200, min_walks=25)
 
@@ -55,25 +54,6 @@ def test_evidence_and_masses_of_a_landmark(n):
     np.testing.assert_allclose(found, exact, atol=0.15)
 
 
-def test_root_to_leaves_agrees_with_poses_integrated_out():
-    """Two poses and a landmark, eight numbers, from the tree; against the plane's quadrature."""
-    the_world = a_world()
-    plane = landmark.landmark_of(the_world, SIGMAS, 5.0, 0, 2)
-    full = ambiguous_window.window_of(the_world, SIGMAS, 0.0, 1)
-    joint = replace(
-        full, unknown=True, prior_sigma=5.0, odometry=full.odometry[:1], pose_of=np.arange(2),
-        ranges=plane.ranges, log_shares=np.zeros((2, 1)), landmarks=plane.centre[None],
-    )  # fmt: skip
-    prior = ancestral_priors.tree(joint)
-    assert prior.dimension == 8
-    run = ancestral_priors.sample_dynesty(joint, prior, SETTINGS, rng=np.random.default_rng(3))
-    reference = landmark_reference(plane)
-    assert abs(run.log_evidence - reference.log_evidence) < 4 * run.log_evidence_error + 0.05
-    modes = find_modes(plane, ring_starts(plane))
-    first = run.weights @ (modes.label(run.samples[:, 6:]) == 0)
-    assert first == pytest.approx(0.5, abs=0.2)
-
-
 @pytest.mark.parametrize("kind", ["window", "gaussian", "ring"])
 def test_the_compiled_sampler_sees_the_same_density(kind):
     rng = np.random.default_rng(4)
@@ -108,31 +88,3 @@ def test_evidence_and_masses_of_a_window(n_ranges):
     assert abs(run.log_evidence - reference.log_evidence) < 4 * error + 0.1
     found = np.bincount(modes.label(run.samples), run.weights, minlength=len(exact))
     np.testing.assert_allclose(found, exact, atol=0.15)
-
-
-@pytest.mark.parametrize("case", ["window", "ring", "wide"])
-def test_dynesty_and_the_compiled_sampler_agree(case):
-    """Four standard errors of both, and no ring or Gaussian left out."""
-    if case == "window":
-        target = window(2)
-        prior = ancestral_priors.tree(target)
-    else:
-        target = anchors()
-        wide = ancestral_priors.gaussian(target.centre, np.eye(2), 25.0)
-        prior = ancestral_priors.ring(target) if case == "ring" else wide
-    runs = [
-        sampler(target, prior, SETTINGS, rng=np.random.default_rng(6))
-        for sampler in (ancestral_priors.sample_dynesty, ancestral_priors.sample)
-    ]
-    error = math.hypot(*(run.log_evidence_error for run in runs))
-    assert abs(runs[0].log_evidence - runs[1].log_evidence) < 4 * error
-
-
-def test_the_compiled_sampler_refuses_what_it_cannot_do():
-    target = replace(window(), unknown=True)
-    with pytest.raises(ValueError, match="unknown landmark"):
-        ancestral_priors.sample(
-            target, ancestral_priors.tree(target), SETTINGS, rng=np.random.default_rng(7)
-        )
-    with pytest.raises(ValueError, match="unknown"):
-        target.over(np.zeros(9), np.eye(9))

@@ -45,16 +45,16 @@ def test_integrating_poses_out_to_first_order_is_accurate(n):
     reference = landmark_reference(target)
     places = reference.samples[rng.choice(len(reference.samples), 3, p=reference.weights)]
     mine = np.flatnonzero(the_world.label_of == 0)[:n]
-    joint = replace(
-        ambiguous_window.window_of(the_world, SIGMAS, 0.0, 1), unknown=True, prior_sigma=5.0,
+    chain = replace(
+        ambiguous_window.window_of(the_world, SIGMAS, 0.0, 1),
         odometry=the_world.odometry[: n - 1], pose_of=np.arange(n), ranges=the_world.ranges[mine],
-        log_shares=np.zeros((n, 1)), landmarks=target.centre[None],
+        log_shares=np.zeros((n, 1)),
     )  # fmt: skip
-    noises = rng.standard_normal((200_000, joint.n_noises))
-    prior = -0.5 * (np.sum(noises**2, axis=1) + joint.n_noises * ambiguous_window.LOG_TAU)
+    noises = rng.standard_normal((200_000, chain.dimension))
+    prior = stats.multivariate_normal(target.centre, 25 * np.eye(2))
     for place in places:
-        points = np.hstack([noises, np.tile(place, (len(noises), 1))])
-        density = np.exp(joint(points) - prior)
+        given = replace(chain, landmarks=place[None])
+        density = np.exp(given.log_likelihoods(noises, 0, n)) * prior.pdf(place)
         error = density.std() / math.sqrt(len(density))
         exact = math.exp(target(place[None])[0])
         assert abs(density.mean() - exact) < 5 * error + 0.05 * exact
@@ -195,11 +195,6 @@ def test_what_is_kept_of_the_particles_stands_for_all():
     assert away < 5 * math.hypot(means[0][1], means[1][1]) + 0.01
     labels = (runs[0].samples[:, 0] > 0).astype(int)
     assert runs[0].mass_error(labels, 2) == runs[0].expectation(labels.astype(float))[1]
-
-
-def test_filters_refuse_an_unknown_landmark():
-    with pytest.raises(ValueError, match="unknown"):
-        window_reference(window(unknown=True), 10, rng=np.random.default_rng(0))
 
 
 # --- cells ----------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ NOTHING = 40.0  # nats below the largest term of a sum: less than its rounding e
 
 
 class WindowFactors(NamedTuple):
-    """A window with known landmarks over a Gaussian prior N(mean, L L^T) on its noises.
+    """A window over a Gaussian prior N(mean, L L^T) on its noises.
 
     What `compiled_nested.sample` calls `factors`; a point is the offset from the mean.
 
@@ -53,8 +53,7 @@ class WindowFactors(NamedTuple):
 class Window:
     """Posterior density of the noises of a chain of n poses, given M ranges.
 
-    A point holds 3n standardised noises, of the first pose and of each odometry in turn, and
-    then, if `unknown` is set, the place of landmark 0.
+    A point holds d = 3n standardised noises, of the first pose and of each odometry in turn.
 
     Attributes
     ----------
@@ -64,8 +63,6 @@ class Window:
     log_shares : (M, K) log of the probability that a range belongs to a landmark
     landmarks : (K, 2), [m]
     range_sigma : [m]
-    unknown : whether landmark 0 is to be found too; `landmarks` then holds its prior mean
-    prior_sigma : of an unknown landmark, [m]
     """
 
     x0_mean: np.ndarray
@@ -77,16 +74,10 @@ class Window:
     log_shares: np.ndarray
     landmarks: np.ndarray
     range_sigma: float
-    unknown: bool = False
-    prior_sigma: float = 1.0
-
-    @property
-    def n_noises(self) -> int:
-        return 3 * (len(self.odometry) + 1)
 
     @property
     def dimension(self) -> int:
-        return self.n_noises + 2 * self.unknown
+        return 3 * (len(self.odometry) + 1)
 
     @property
     def root(self) -> tuple[np.ndarray, np.ndarray]:
@@ -96,22 +87,11 @@ class Window:
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """(N,) log of prior times likelihood at (N, d) points, [nats]"""
         points = np.ascontiguousarray(points, dtype=float)
-        n = self.n_noises
-        prior = -0.5 * (np.sum(points[:, :n] ** 2, axis=1) + n * LOG_TAU)
-        if self.unknown:
-            offsets = (points[:, n:] - self.landmarks[0]) / self.prior_sigma
-            prior -= 0.5 * np.sum(offsets**2, axis=1) + LOG_TAU + 2 * math.log(self.prior_sigma)
+        prior = -0.5 * (np.sum(points**2, axis=1) + self.dimension * LOG_TAU)
         return prior + self.log_likelihoods(points, 0, len(self.odometry) + 1)
 
     def over(self, mean: np.ndarray, lower: np.ndarray) -> WindowFactors:
-        """The target over the prior N(mean, L L^T), `lower` being the (d, d) L.
-
-        Raises
-        ------
-        ValueError : a landmark is unknown
-        """
-        if self.unknown:
-            raise ValueError("unknown is set: only windows with known landmarks are compiled")
+        """The target over the prior N(mean, L L^T), `lower` being the (d, d) L."""
         inverse = np.linalg.inv(lower)
         return WindowFactors(
             np.zeros((len(self.odometry) + 1, 2)), self.landmarks, np.array(mean, dtype=float),
@@ -123,10 +103,8 @@ class Window:
 
     def log_likelihoods(self, points: np.ndarray, first: int, stop: int) -> np.ndarray:
         """(N,) log-likelihood of the ranges of the poses first ... stop - 1, [nats]"""
-        where = self.positions(points[:, : self.n_noises])
-        found = points[:, self.n_noises :] if self.unknown else np.zeros((len(points), 0))
-        return _ranges(where, found, self.pose_of, self.ranges, self.log_shares, self.landmarks,
-                       self.range_sigma, first, stop)  # fmt: skip
+        return _ranges(self.positions(points), self.landmarks, self.pose_of, self.ranges,
+                       self.log_shares, self.range_sigma, first, stop)  # fmt: skip
 
     def positions(self, noises: np.ndarray) -> np.ndarray:
         """(N, n, 2) positions that (N, 3n) noises lead to, [m]"""
@@ -256,13 +234,11 @@ def _window_energy(f, offset, where, limit):
 
 
 @compile_once
-def _ranges(where, found, pose_of, ranges, log_shares, landmarks, sigma, first, stop):
-    """(N,) `range_term`, landmark 0 at (N, 2) places found where there are such."""
-    out, points = np.empty(len(where)), landmarks.copy()
+def _ranges(where, landmarks, pose_of, ranges, log_shares, sigma, first, stop):
+    """(N,) `range_term`."""
+    out = np.empty(len(where))
     for k in range(len(where)):
-        if found.shape[1] > 0:
-            points[0] = found[k]
         out[k] = range_term(
-            where[k], points, pose_of, ranges, log_shares, sigma, first, stop, -math.inf
+            where[k], landmarks, pose_of, ranges, log_shares, sigma, first, stop, -math.inf
         )
     return out

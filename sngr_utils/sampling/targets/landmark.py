@@ -112,18 +112,6 @@ class Landmark:
         """
         return math.sqrt(self.range_sigma**2 + 0.5 * np.trace(self.covariance[:2, :2]))
 
-    def gauss_newton_covariance(self, at: np.ndarray) -> np.ndarray:
-        """(2, 2) inverse of J^T W J at a place: the covariance that a MAP solver reports, [m^2]"""
-        offsets = at - self.positions
-        rays = offsets / np.linalg.norm(offsets, axis=1, keepdims=True)
-        spread = np.einsum(
-            "ia,iajb,jb->ij", rays, self.covariance.reshape(len(rays), 2, -1, 2), rays
-        )
-        spread += self.range_sigma**2 * np.eye(len(rays))
-        return np.linalg.inv(
-            rays.T @ np.linalg.solve(spread, rays) + np.eye(2) / self.prior_sigma**2
-        )
-
     @property
     def variances(self) -> np.ndarray:
         """(n,) of each range about the distance, all directions alike, [m^2]"""
