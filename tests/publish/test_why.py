@@ -53,7 +53,7 @@ BY_HAND = {
         "show.record(config, runs, paper)", ["runs = peers.run(config)"], "first_seed = ",
     ),
     "online.p0.4.ratio": (
-        "show.record(config, runs, slips, paper)",
+        "show.record(config, runs, ablation, slips, paper)",
         ["runs = association_aware.run(config)"], "first_seed = 6000, n_seeds = 30",
     ),
 }  # fmt: skip
