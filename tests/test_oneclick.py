@@ -19,12 +19,12 @@ def installs(text):
 def test_binder_and_colab_install_as_the_set_up_does():
     binder, colab, own = (
         (paths.ROOT / name).read_text(encoding="utf-8")
-        for name in ("binder/postBuild", "docs/oneclick.md", "scripts/setup.sh")
+        for name in (".binder/postBuild", "docs/oneclick.md", "scripts/setup.sh")
     )
     asked = re.findall(r'^"\$\{install\[@\]\}" (.+?)(?: \|\|)?$', own, re.M)
     assert installs(binder) == installs(colab) == asked
     assert len(asked) == 2
-    assert (paths.ROOT / "binder/runtime.txt").read_text().strip().removeprefix(
+    assert (paths.ROOT / ".binder/runtime.txt").read_text().strip().removeprefix(
         "python-"
     ) in PYTHONS
 

@@ -109,7 +109,7 @@ def installed_by(copy: Copy, steps: str) -> None:
 
 @situation("Binder's steps in an empty environment")
 def _(copy):
-    installed_by(copy, "bash binder/postBuild")
+    installed_by(copy, "bash .binder/postBuild")
 
 
 @situation("Colab's cell in an empty environment")

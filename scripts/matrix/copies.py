@@ -18,7 +18,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 
 NAME = "01_bimodal"
 TOP = ("Makefile", "scripts", "pyproject.toml", ".gitattributes", ".gitignore", "README.md",
-       "LICENSE", "LICENSE-text", "binder")  # fmt: skip
+       "LICENSE", "LICENSE-text", ".binder")  # fmt: skip
 PAPER = r"""\documentclass{article}\usepackage{booktabs,hyperref}
 \pdftrailerid{}\pdfsuppressptexinfo=-1
 \input{generated/values}\input{generated/timings}\input{generated/sources}

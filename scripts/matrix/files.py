@@ -109,3 +109,32 @@ def spoil_typesetting(copy: Copy) -> None:
 
 
 SITUATIONS["each file of build/paper/ damaged, and the folder a file"] = spoil_typesetting
+
+
+def no_folder(copy: Copy) -> None:
+    """A file or a link to nothing where a folder belongs: one line that says so, or it works."""
+    folders = ("build", "build/results", "build/runs", "build/executed", "build/cache", "figures",
+               "paper/generated", "params/quick")  # fmt: skip
+    ways = {
+        "a file": lambda path: path.write_text("a file"),
+        "a link to nothing": lambda path: path.symlink_to("nowhere"),
+    }
+    for folder in folders:
+        path, aside = copy.root / folder, copy.root / "aside"
+        for way, spoil in ways.items():
+            path.rename(aside)
+            spoil(path)
+            for target in ("check", f"run/{NAME}", "pdf"):
+                done = copy.run("make", target)
+                where = f"{way} in place of {folder}: make {target}: {done.text[-300:]}"
+                assert "Traceback" not in done.text, where
+                assert done.status == 0 or "error: " in done.text, where
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            path.unlink(missing_ok=True)
+            aside.rename(path)
+    copy.works("check", f"run/{NAME}", "pdf")
+    copy.same_as_template()
+
+
+SITUATIONS["a file or a dangling link where a folder belongs"] = no_folder
