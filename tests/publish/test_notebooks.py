@@ -23,7 +23,7 @@ def code_cells(name):
 
 
 def test_all_are_there():
-    assert len(NAMES) == 10
+    assert len(NAMES) == 11
     assert notebooks.names() == NAMES
 
 
@@ -83,7 +83,7 @@ def test_exercises_have_folded_solutions(name):
     assert text.count("<details>") == text.count("</details>") == len(solutions)
 
 
-@pytest.mark.parametrize("name", ["00_start_here", "01_bimodal"])
+@pytest.mark.parametrize("name", ["00_start_here", "01_bimodal", "10_real_data"])
 def test_pictures_are_described_to_who_cannot_see_them(name):
     """A cell's "alt" says what its picture shows and what to notice (the site's alt text)."""
     for cell in code_cells(name):
