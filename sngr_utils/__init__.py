@@ -10,7 +10,7 @@ import what stands below it (``make lint`` checks that, see pyproject.toml):
 `show`               what the notebooks show: tables, figures, and what they record
 `bimodal` ...        one helper per notebook: `start_here`, `bimodal`, `trigger_sweep`,
                      `full_sngr`, `cost`, `audit`, `triggers`, `peers`, `association_aware`,
-                     `multimodal`
+                     `multimodal`, `real_data`
 `experiments`        studies over many worlds, each named by what it measures
 `online`             the online estimator (section "Association-aware refinement,
                      online")

@@ -15,7 +15,7 @@ SHOWN = ["start_here", "factor_graph", "bimodal", "trigger_sweep", "full_sngr", 
          "common"]  # fmt: skip
 LINES = dict.fromkeys(
     ["start_here", "trigger_sweep", "full_sngr", "cost", "audit", "triggers", "peers",
-     "association_aware", "multimodal"], 150,
+     "association_aware", "multimodal", "real_data"], 150,
 ) | {"bimodal": 200}  # fmt: skip
 
 

@@ -22,7 +22,6 @@ from sngr_utils.world.log import Log
 
 FREE = Conventions(landmark_prior_sigma=1e3)  # m: nothing is known of a landmark
 ELSEWHERE = 2.0  # m from its place in another map: a landmark that makes it another map
-LONGEST = 100.0  # m, how far a radio may be from the first pose, in x and in y
 
 Finder = Callable[..., tuple[np.ndarray, np.ndarray, float]]  # radios, credits, log likelihood
 
@@ -114,6 +113,8 @@ def maps_without_labels(
 ) -> list[tuple[np.ndarray, np.ndarray, float]]:
     """What `find` makes of the first poses of a log, by dead reckoning, from random radios.
 
+    These are no farther from the middle of the way than the longest range, in x and in y.
+
     Returns
     -------
     radios (K, 2), (M, K) credits and log likelihood of each start, the likeliest first
@@ -122,7 +123,7 @@ def maps_without_labels(
     poses = dead_reckoning(part.x0_mean, part.odometry)
     places, middle = poses[part.pose_of, :2], poses[:, :2].mean(axis=0)
     size = (n_starts, log.n_landmarks, 2)
-    starts = middle + rng.uniform(-LONGEST, LONGEST, size)
+    starts = middle + part.ranges.max() * rng.uniform(-1, 1, size)
     sigma = float(np.median(part.range_sigmas))
     found = [find(places, part.ranges, radios, sigma) for radios in starts]
     return sorted(found, key=lambda one: -one[2])

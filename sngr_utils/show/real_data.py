@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 SETS = ("Plaza1", "Plaza2")
 GROWN = Method("ours, batch", style.SAMPLES, "-", "o", 1.6)
 ONLINE = Method("ours, online", style.SAMPLES, "--", None, 1.6)
-DRAWN = ("least_squares", "huber", "cauchy", "gnc_tls", "max_mixture_all")
+STUDIED, PEERS = ("least_squares", "huber", "cauchy"), ("gnc_tls", "em")  # that are drawn
 NAMES = {"growing_map": GROWN.name, "online": ONLINE.name, "isam": "iSAM",
          "gnc_tls_superlinear": "GNC-TLS, superlinear"}  # fmt: skip
 KINDS = {
@@ -93,19 +93,22 @@ def draw_mirrors(ax: Axes, name: str, gaps: pd.DataFrame) -> None:
     ax.set(xlabel="poses driven", ylabel="mirror image worse by [nats]", title=name)
 
 
-def draw_levels(axes: Sequence[Axes], rows: pd.DataFrame, ours: Mapping[str, pd.DataFrame]) -> None:
+def draw_levels(
+    axes: Sequence[Axes], batch: pd.DataFrame, peers: pd.DataFrame, online: pd.DataFrame
+) -> None:
     """Median aligned RMSE over the share of wrong labels, a panel for each set.
 
     Parameters
     ----------
-    rows : of peers: set, method, p, rmse
-    ours : of ours, by "growing_map" and "online": set, p, rmse
+    batch, peers, online : rows of the three studies with labels: set, method, p, and rmse or final
     """
+    tables = {**dict.fromkeys(STUDIED, batch), **dict.fromkeys(PEERS, peers)}
+    lines = {key: (METHODS[key], table) for key, table in tables.items()}
+    lines |= {"growing_map": (GROWN, batch), "online": (ONLINE, online)}
     for ax, name in zip(axes, SETS, strict=True):
-        lines = {key: (METHODS[key], rows[rows["method"] == key]) for key in DRAWN}
-        lines |= {"growing_map": (GROWN, ours["growing_map"]), "online": (ONLINE, ours["online"])}
-        for look, table in lines.values():
-            level = table[table["set"] == name].groupby("p")["rmse"].median()
+        for key, (look, table) in lines.items():
+            mine = table[(table["set"] == name) & (table["method"] == key)]
+            level = mine.groupby("p")["final" if key == "online" else "rmse"].median()
             ax.plot(level.index, level, look.dash, marker=look.marker, color=look.colour,
                     lw=look.width, label=look.name)  # fmt: skip
         ax.set_yscale("log")
@@ -199,17 +202,18 @@ def online_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def asked_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Who was asked how often on a whole drive, and what it costs to ask nobody."""
+    """Who was asked how often on a whole drive, and what the path is worth."""
     columns = {
         "mirror_waits": "waits by mirror test", "landmark_questions": "many starts",
-        "landmark_samples": "nested sampling", "position_questions": "where am I?",
+        "landmark_samples": "nested sampling",
     }  # fmt: skip
     found = [
-        [name_of(method), name, *(int(mine[key].iloc[0]) for key in columns),
+        [name_of(method), cells.number(p, ".1f"), name,
+         *(int(mine[key].iloc[0]) for key in columns),
          cells.number(float(mine["final"].iloc[0]), ".3f")]
-        for (method, name), mine in rows.groupby(["method", "set"], sort=False)
+        for (method, p, name), mine in rows.groupby(["method", "p", "set"], sort=False)
     ]  # fmt: skip
-    return pd.DataFrame(found, columns=["variant", "set", *columns.values(), "final [m]"])
+    return pd.DataFrame(found, columns=["variant", "p", "set", *columns.values(), "final [m]"])
 
 
 def goats_table(rows: pd.DataFrame) -> pd.DataFrame:

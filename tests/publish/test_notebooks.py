@@ -23,7 +23,7 @@ def code_cells(name):
 
 
 def test_all_are_there():
-    assert len(NAMES) == 10
+    assert len(NAMES) == 11
     assert notebooks.names() == NAMES
 
 

@@ -1,0 +1,222 @@
+"""Notebook 10: its algorithms from scratch, short looks at a set, and what its studies say."""
+
+from dataclasses import replace
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+import pytest
+from helpers import read_notebook
+
+from sngr_utils import real_data
+from sngr_utils.experiments import real_online, real_peers, real_stretch
+from sngr_utils.metrics import alignment
+from sngr_utils.publish import report
+from sngr_utils.show import real_data as show
+from sngr_utils.world import simulation
+from sngr_utils.world.dead_reckoning import relative_motion
+from sngr_utils.world.scenario import Scenario
+
+pytestmark = pytest.mark.usefixtures("house_style")
+
+BATCH, ONLINE = real_data.study("plaza"), real_data.study("plaza_online")
+OURS = BATCH[BATCH["method"] == "growing_map"]
+LABELLED = OURS[OURS["kind"] == "labels"]
+
+
+@pytest.fixture(scope="module")
+def lesson():
+    """What the cells that are tagged "from-scratch" define."""
+    names = {"np": np}
+    for cell in read_notebook("10_real_data").cells:
+        if "from-scratch" in cell.metadata.get("tags", []):
+            exec(cell.source, names)
+    return names
+
+
+@pytest.fixture(scope="module")
+def small():
+    """A small world with four landmarks and right labels, and its log."""
+    scenario = Scenario(n_poses=30, n_landmarks=4)
+    world = simulation.simulate(scenario, 0.0, rng=np.random.default_rng(100))
+    return world, world.log([0.01, 0.01, 0.001])
+
+
+def test_alignment_from_scratch_is_the_librarys_and_takes_out_a_rigid_motion(lesson):
+    rng = np.random.default_rng(100)
+    truth, angle = rng.normal(size=(40, 2)), 2.0
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    path = truth @ turn.T + [5.0, -3.0]
+    assert lesson["aligned_rmse"](path, truth) < 1e-12
+    mirrored = path * [1, -1]
+    assert lesson["aligned_rmse"](mirrored, truth) > 0.5
+    noisy = path + 0.1 * rng.normal(size=path.shape)
+    errors = alignment.aligned_errors(noisy, truth)
+    np.testing.assert_allclose(lesson["align"](noisy, truth) - truth, errors, atol=1e-12)
+
+
+def test_radios_without_names_are_found_from_scratch(lesson, small):
+    world, log = small
+    known = replace(log, odometry=relative_motion(world.poses))
+    rng = np.random.default_rng(100)
+    maps = real_stretch.maps_without_labels(known, 30, 20, lesson["find_radios"], rng=rng)
+    radios, chances, height = maps[0]
+    apart = np.linalg.norm(radios[:, None] - world.landmarks, axis=2)
+    assert apart.min(axis=0).max() < 0.15  # of sigma .1 m
+    named = apart.argmin(axis=1)[chances.argmax(axis=1)]
+    assert np.mean(named == world.source_of) > 0.9
+    assert height == max(other for *_, other in maps)
+
+
+def test_a_map_with_its_radios_in_another_order_is_no_rival():
+    rng = np.random.default_rng(100)
+    radios, other = rng.normal(size=(2, 4, 2)) * 50
+    chances = np.empty((0, 4))
+    same = [(radios, chances, 0.0), (radios[::-1] + 0.5, chances, -1.0)]
+    assert real_stretch.runner_up(same) == np.inf
+    assert real_stretch.runner_up([*same, (other, chances, -7.0)]) == 7.0
+
+
+def test_a_straight_way_has_mirror_images_and_a_bend_takes_them_away(small):
+    _, log = small
+    gaps = real_stretch.mirror_gaps(log, [3, 30]).pivot(index="radio", columns="poses")["gap"]
+    assert (gaps[3] < 5).any()
+    assert (gaps[30] > 20).all()
+
+
+def test_the_least_cost_is_at_the_scale_of_the_ranges(small):
+    _, log = small
+    scales = np.array([1.0, 1.05, 1.1])
+    costs = real_stretch.costs_of_scales(replace(log, ranges=1.05 * log.ranges), scales, 0.0)
+    assert costs.argmin() == 1
+    assert costs.max() - costs.min() > 2
+
+
+def test_calibration_takes_scale_and_offset_out(small):
+    _, log = small
+    found = {"scale": 1.07, "offset": 0.2, "range_sigma": 0.107}
+    again = real_online.calibrated(replace(log, ranges=1.07 * log.ranges + 0.2), found)
+    np.testing.assert_allclose(again.ranges, log.ranges)
+    np.testing.assert_allclose(again.range_sigmas, 0.1)
+    stated = np.sqrt(log.odometry_covariances[0, 2, 2])
+    estimated = np.sqrt(np.median(again.odometry_covariances[:, 2, 2]))
+    assert 0.2 * stated < estimated < 5 * stated
+
+
+@pytest.mark.parametrize("method", ["gnc_tls", "gnc_tls_superlinear", "isam", "isam2", "em"])
+def test_peers_do_well_with_right_labels(small, method):
+    world, log = small
+    start = world.poses, world.landmarks
+    poses = real_peers.peers()[method](log, start)
+    errors = alignment.aligned_errors(poses[:, :2], world.poses[:, :2])
+    assert np.sqrt(np.mean(np.sum(errors**2, axis=1))) < 0.1  # the sigma of one range
+
+
+# --- what the chapter says of the committed rows --------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "most"), [("Plaza1", 0.2), ("Plaza2", 0.22)])
+def test_batch_is_level_in_the_share_of_wrong_labels(name, most):
+    mine = LABELLED[LABELLED["set"] == name]
+    assert mine["rmse"].max() < most
+    assert mine["rmse"].max() < 1.1 * mine["rmse"].min()
+    assert (mine["precision"] > 0.96).all()
+    found = mine.groupby("p")["share_wrong"].median()
+    assert (found - found.index).abs().max() < 0.03  # of binomial errors of .012 and less
+    assert not mine["doubtful"].any()
+
+
+def test_no_labels_are_as_good_as_right_ones():
+    for _, mine in OURS.groupby("set"):
+        of = mine.set_index("kind")["rmse"]
+        right = mine.query("kind == 'labels' and p == 0")["rmse"].item()
+        for kind in ("no labels", "shuffled", "stretched"):
+            assert of[kind] < 1.05 * right
+
+
+def test_what_fails_is_doubted_and_nothing_else():
+    failed = OURS["rmse"] > 1.0
+    assert failed.sum() == 2
+    assert (OURS["kind"][failed] == "cut").all()
+    assert (OURS["doubtful"].astype(bool) == failed).all()
+
+
+def test_the_scale_is_near_that_of_the_gps_and_a_little_too_sure():
+    for name in real_data.OTHER:
+        drive = real_data.recording(name)
+        at = drive.truth.poses[drive.log.pose_of, :2]
+        distances = np.linalg.norm(at - drive.truth.landmarks[drive.log.label_of], axis=1)
+        true = np.polyfit(distances, drive.log.ranges, 1)[0]
+        found = real_data.found_in(name)
+        assert abs(found["scale"] - true) < 0.005
+        assert 1 < (true - found["scale"]) / found["scale_sigma"] < 3
+
+
+def test_believers_of_labels_are_lost():
+    rows = BATCH[BATCH["method"] == "least_squares"].groupby(["set", "p"])["rmse"].median()
+    assert (rows.xs(0.0, level="p") < 0.25).all()
+    assert (rows.drop(0.0, level="p") > 2).all()
+
+
+def test_online_is_level_too_and_nested_sampling_adds_nothing():
+    labelled = ONLINE[ONLINE["kind"] == "labels"].set_index(["method", "p", "set"]).sort_index()
+    driven = labelled.loc["online"]
+    assert (driven["final"] < 0.23).all()
+    assert driven["filtered"].between(0.5, 1.0).all()
+    assert (driven.query("p <= 0.4")[["landmark_samples", "position_samples"]] == 0).all(axis=None)
+    assert driven.loc[0.6, "landmark_samples"].between(1, 20).all()
+    without = labelled.loc[("no nested sampling", 0.6), "final"]
+    np.testing.assert_allclose(without, driven.loc[0.6, "final"][without.index], rtol=0.01)
+
+
+def test_online_doubts_lost_odometry_and_not_a_wrong_scale():
+    of = ONLINE.set_index("kind")
+    assert of.loc["cut", "doubtful"].all()
+    assert (of.loc["stretched", "final"] > 4).all()
+    assert not of.loc["stretched", "doubtful"].any()
+
+
+def test_some_peers_are_lost_with_right_labels_and_truncated_squares_never():
+    rmse = real_data.study("plaza_peers").set_index(["method", "set", "p"])["rmse"]
+    for method in ("dcs", "geman_mcclure", "max_mixture_null"):
+        assert (rmse.loc[method].xs(0.0, level="p") > 9).all()
+    assert rmse["em", "Plaza2", 0.0] > 9
+    assert (rmse.loc["gnc_tls"] < 0.24).all()
+    assert (rmse.loc["isam2"].xs(0.4, level="p") > 4).all()
+
+
+# --- parameters, tables, figures ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bad", [{"n_poses": 3}, {"prefixes": [80]}, {"p": 1.5}, {"n_starts": 1}])
+def test_parameters_that_cannot_be_are_refused_by_name(bad):
+    with pytest.raises(ValueError, match=next(iter(bad))):
+        real_data.Config(**bad)
+
+
+def test_tables_and_figures(small, tmp_path):
+    world, log = small
+    found, seconds = real_stretch.drive(log, rng=np.random.default_rng(0))
+    places = world.poses[:, :2], world.landmarks
+    stretch = real_stretch.Stretch(log, *places, world.source_of, found, seconds)
+    driven = ONLINE[(ONLINE["kind"] == "labels") & (ONLINE["method"] == "online")]
+    peers = real_data.study("plaza_peers")
+    assert len(show.time_table(seconds)) == 3
+    assert show.stretch_table(stretch, {"final": 0.1}).iloc[0, 0] == "aligned RMSE, final [m]"
+    assert len(show.whole_table(LABELLED)) == 8
+    assert show.provoked_table(OURS, ONLINE).iloc[-1, 3] == "yes"
+    assert len(show.goats_table(real_data.study("goats"))) == 2
+    assert len(show.online_table(driven)) == len(driven.groupby(["set", "p"]))
+    assert show.level_table(peers).iloc[0, 0] == "least squares"
+    scales = [real_data.found_in(name) for name in real_data.OTHER]
+    assert len(show.scale_table(scales, dict.fromkeys(real_data.OTHER, 1.07))) == 2
+    fig, axes = plt.subplots(1, 6, figsize=(12, 2.5))
+    show.draw_paths(axes[0], places[0], {"a": places[0]})
+    show.draw_scale(axes[1], np.ones(3), np.ones(3), scales[0], 1.07)
+    show.draw_map(axes[2], *places, *places)
+    show.draw_mirrors(axes[3], "a", real_stretch.mirror_gaps(log, [3, 30]))
+    show.draw_levels(axes[4:], BATCH, peers, driven)
+    show.draw_gaps(axes[3], pd.DataFrame({"set": ["a"], "poses": [80], "gap": [1.0]}))
+    to = report.Report("x", tmp_path)
+    to.figure(fig, "all")
+    assert (tmp_path / "x_all.pdf").exists()
