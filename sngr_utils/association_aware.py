@@ -36,8 +36,8 @@ class Config(ManyWorlds):
 
     first_seed: Seed = 6000
     n_seeds: Annotated[int, Field(ge=2)] = 30
-    p_levels: Levels = [0.0, 0.1, 0.2, 0.4, 0.5]
-    p_peers: Levels = [0.1, 0.2, 0.4, 0.5]
+    p_levels: Levels = [0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5]
+    p_peers: Levels = [0.1, 0.2, 0.3, 0.4, 0.5]
     n_ablation: Annotated[int, Field(ge=2)] = 10
     p_ablation: Levels = [0.4]
     n_slip: Annotated[int, Field(ge=2)] = 20
