@@ -39,11 +39,11 @@ def name_of(method: str) -> str:
 
 
 def draw_paths(ax: Axes, truth: np.ndarray, paths: Mapping[str, np.ndarray]) -> None:
-    """A true path (T, 2) and estimates of it, aligned: name -> (T, 2), [m]."""
+    """A true path (T, 2) and paths that are aligned with it: name -> (T, 2), [m]."""
     ax.plot(*truth.T, color=style.TRUTH, lw=0.6, label="GPS")
     colours = (style.TRIGGERED, style.ESTIMATE, style.SAMPLES)
     for (name, path), colour in zip(paths.items(), colours, strict=False):
-        ax.plot(*aligned(path, truth).T, color=colour, lw=0.7, label=name)
+        ax.plot(*path.T, color=colour, lw=0.7, label=name)
     _metres(ax)
     legend_above(ax)
 
@@ -113,12 +113,6 @@ def draw_levels(
                     lw=look.width, label=look.name)  # fmt: skip
         ax.set_yscale("log")
         ax.set(xlabel=style.WRONG_LABEL, ylabel="aligned RMSE [m]", title=name)
-
-
-def aligned(path: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """A path (T, 2) moved and turned onto the truth, [m]."""
-    rotation, shift = rigid(path, truth)
-    return path @ rotation.T + shift
 
 
 def _metres(ax: Axes) -> None:
