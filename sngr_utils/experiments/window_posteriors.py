@@ -162,18 +162,20 @@ class Settled:
 
 
 def settled_targets(
-    solution: Solution, covariances: np.ndarray, which: Sequence[int], separators: str,
-    draws: int = 20_000, scale: float = PRIOR_SCALE, *, rng: np.random.Generator,
+    solution: Solution, pieces: list[window_posterior.Piece], covariances: np.ndarray,
+    which: Sequence[int], separators: str, draws: int = 20_000, scale: float = PRIOR_SCALE, *,
+    rng: np.random.Generator,
 ) -> list[Settled]:  # fmt: skip
     """The targets of some windows and their samples.
 
     Parameters
     ----------
+    pieces : of `window_posterior.expand`, the same for both treatments of separators
     covariances : (N, 9, 9) Sigma_w
     separators : "conditional" or "marginal", see `corrected.Corrected`
     draws : from a Student t about the Laplace Gaussian
     """
-    pieces, found = window_posterior.expand(solution), []
+    found = []
     for t in which:
         aim = window_posterior.target(solution, t, covariances[t], separators, pieces)
         cholesky = np.linalg.cholesky(scale * aim.covariance)

@@ -12,7 +12,7 @@ from sngr_utils.sampling import settings
 from sngr_utils.settings import READING
 from sngr_utils.slam import levenberg_marquardt
 from sngr_utils.slam.conventions import PRESETS
-from sngr_utils.sngr import corrected, noop_baseline, trigger, windows
+from sngr_utils.sngr import corrected, noop_baseline, trigger, window_posterior, windows
 from sngr_utils.sngr.baseline import run_baseline
 from sngr_utils.world.scenario import Scenario
 
@@ -62,9 +62,11 @@ def _of_one_world(scenario: Scenario, preset: str, p: float, seed: int) -> list[
     settled = levenberg_marquardt.converge(base.solution)
     covariances = windows.covariances(settled)
     at_rest = replace(base, solution=settled, covariances=covariances)
-    checks, laplace = [], []
+    checks, laplace, pieces = [], [], window_posterior.expand(settled)
     for separators, walks in (("conditional", 100), ("marginal", corrected.LONG_WALKS)):
-        aims = window_posteriors.settled_targets(settled, covariances, some, separators, rng=rng)
+        aims = window_posteriors.settled_targets(
+            settled, pieces, covariances, some, separators, rng=rng
+        )
         found = window_posteriors.gaussianity(aims, rng=rng)
         laplace.append(found.assign(separators=separators))
         if preset == READING:
