@@ -82,6 +82,7 @@ def test_a_study_that_is_not_there_is_named(toy):
 
 
 def test_the_registered_studies_run(monkeypatch):
-    for study in studies.STUDIES.values():
+    short = [study for name, study in studies.STUDIES.items() if name != "long_stream"]
+    for study in short:
         (row,) = map_worlds(study.task, study.cells[:1], 1)
         row_store.text_of(row, "a row")
