@@ -18,9 +18,9 @@ from sngr_utils.world.log import Log
 MEDIAN = stats.chi2.ppf(0.5, 1)  # of a squared normalised innovation
 RUN = 3  # consecutive poses whose ranges are looked at together
 
-# Set so that one sound estimate in a hundred is outside, on 250 worlds of all kinds of
-# `experiments.every_world`, seeds 100 to 119; on worlds it was not set on, more are (the study
-# says how many). `MOST_SURPRISE` was not set on any.
+# Set on development worlds of the kinds of `experiments.every_world`, seeds 100 to 119, so that
+# few sound estimates are outside; on other worlds the study says how many are, and how many lost
+# ones are not.
 MOST_UNEXPLAINED = 0.27
 RARE_RUN = 0.05
 MOST_SURPRISE = 6.0

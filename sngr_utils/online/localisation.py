@@ -72,19 +72,6 @@ def mirrored(evidence: Evidence) -> bool:
     return found.gap < LEAST_GAP
 
 
-def rough_evidence(evidence: Evidence) -> float:
-    """Log of the density of the ranges, from one Gaussian at the likeliest place, [nats].
-
-    Laplace's approximation: right to a few nats, where nested sampling is right to a tenth.
-    """
-    best = crossing_starts(evidence, 1)[0]
-    xi = best - evidence.centre
-    log_prior = -0.5 * xi @ xi / evidence.sigma**2 - 2 * math.log(evidence.sigma)
-    _, log_det = np.linalg.slogdet(_information(evidence, best))
-    log_likelihood = compiled.log_likelihood(evidence.factors, xi)
-    return float(log_likelihood + log_prior - 0.5 * log_det + evidence.ceiling)
-
-
 def fitting(evidence: Evidence, place: np.ndarray, variances: np.ndarray) -> np.ndarray:
     """(N,) bool: the ranges that a (2,) place explains, given their (N,) variances, [m^2]."""
     distances = np.linalg.norm(place - evidence.anchors, axis=1)

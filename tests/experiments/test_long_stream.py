@@ -13,6 +13,14 @@ def test_a_long_drive_has_one_range_a_pose_and_no_end_of_rounds():
     assert world.label_of == pytest.approx(world.source_of)
 
 
+def test_a_stream_says_what_its_steps_cost_part_by_part(monkeypatch):
+    monkeypatch.setattr(long_stream, "SETTLING", 12)
+    found = long_stream.rows(40, 0.0, 100)
+    assert [row["part"] for row in found] == list(range(long_stream.PARTS))
+    assert all(0 < row["part_median_ms"] <= row["most_ms"] for row in found)
+    assert found[0]["filtered_rmse"] < 1.0
+
+
 def test_a_constant_is_changed_wherever_it_is_used_and_put_back(monkeypatch):
     before = data_association.VAGUE
     seen = []

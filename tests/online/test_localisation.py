@@ -170,12 +170,6 @@ def test_a_circle_around_a_landmark_leaves_one():
     assert localisation.fitting(evidence, best.mean, evidence.variances).sum() == 11
 
 
-def test_rough_evidence_is_right_to_a_few_nats():
-    for evidence in evidence_of(101, 12):
-        exact = grid(evidence, 600).log_evidence
-        assert localisation.rough_evidence(evidence) == pytest.approx(exact, abs=3.0)
-
-
 def test_bad_evidence_is_refused():
     good = next(evidence_of(100, 6))
     for name, value in (
