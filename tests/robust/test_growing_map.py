@@ -62,7 +62,7 @@ def test_a_map_named_otherwise_gets_its_names_from_the_labels(right):
         grown.soft, landmarks=grown.soft.landmarks[[2, 0, 1]],
         weights=grown.soft.weights[:, [2, 0, 1, 3]],
     )  # fmt: skip
-    np.testing.assert_array_equal(growing_map._named(log, mixed), grown.soft.landmarks)
+    np.testing.assert_array_equal(growing_map.named(log, mixed), grown.soft.landmarks)
 
 
 def test_each_reason_to_doubt_is_said(right):
