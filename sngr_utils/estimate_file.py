@@ -5,7 +5,9 @@ import re
 import sys
 import tempfile
 import warnings
+from concurrent.futures import Future
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 
@@ -46,18 +48,28 @@ def run(path: Path, out: Path | None, overwrite: bool) -> None:
             grown = _estimate(path, recording)
             tum.write(trajectory, recording.log.times, grown.soft.poses)
             _draw(image, recording, grown)
-            print("\n".join(summary(recording, grown)))
             for place in places:
                 os.replace(Path(aside, place.name), place)
     except OSError as error:
         raise ValueError(f"{places[0].parent}: {error.strerror or error}") from None
-    print("\n".join(f"written: {place}" for place in places))
+    print("\n".join([*summary(recording, grown), *(f"written: {place}" for place in places)]))
 
 
 def _estimate(path: Path, recording: Recording) -> GrownMap:
+    """The work, in a thread: Ctrl-C while numba hands on a named tuple would crash the process."""
+    found = Future()
+
+    def work():
+        try:
+            progress = _bar if sys.stderr.isatty() else _silent
+            found.set_result(growing_map.estimate(recording.log, progress))
+        except BaseException as error:
+            found.set_exception(error)
+
     with warnings.catch_warnings(), named(path):
         warnings.simplefilter("ignore", LogWarning)  # said when the log was read
-        return growing_map.estimate(recording.log, _bar if sys.stderr.isatty() else _silent)
+        Thread(target=work, daemon=True).start()
+        return found.result()
 
 
 def _in_names(text: str, recording: Recording) -> str:

@@ -1,6 +1,7 @@
 """The command `estimate`: what it prints and writes, and that it ends in one line."""
 
 from dataclasses import replace
+from threading import current_thread, main_thread
 
 import numpy as np
 import pytest
@@ -104,3 +105,24 @@ def test_landmarks_in_doubt_are_called_as_in_the_file_and_labels_need_to_be_ther
     said = capsys.readouterr().out
     assert "labels" not in said
     assert "of the ranges are from no landmark" in said
+
+
+def test_the_work_is_done_where_an_interrupt_is_not_raised(log_file, capsys, monkeypatch):
+    """Signals are raised in the main thread; in numba's hands they would end it without a word."""
+
+    def work(log, progress):
+        raise ValueError(f"in the main thread: {current_thread() is main_thread()}")
+
+    monkeypatch.setattr(growing_map, "estimate", work)
+    assert command_line.main(["estimate", str(log_file)]) == 1
+    assert capsys.readouterr().err == f"error: {log_file}: in the main thread: False\n"
+
+
+def test_a_reader_of_the_summary_that_goes_away_costs_no_result(log_file, capsys, monkeypatch):
+    def gone(*given):
+        raise BrokenPipeError(32, "Broken pipe")
+
+    monkeypatch.setattr("sngr_utils.estimate_file.summary", gone)
+    assert command_line.main(["estimate", str(log_file)]) == 1
+    assert "error: Broken pipe" in capsys.readouterr().err
+    assert log_file.with_name("mine_estimate.tum").exists()
