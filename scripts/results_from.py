@@ -11,6 +11,7 @@ import re
 import sys
 import tarfile
 import tempfile
+import zlib
 from pathlib import Path
 
 from sngr_utils import paths
@@ -30,8 +31,7 @@ def main(tarball: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         files = unpack(tarball, Path(folder))
         for name in notebooks.names():
-            stamp = read_json(folder / Path(f"build/results/{name}.json"))["provenance"]
-            if stamp["inputs"] != inputs(name, read_params(name)):
+            if made_from(Path(folder, f"build/results/{name}.json")) != here(name):
                 raise ProjectError(f"{tarball}: {name} was made from other inputs than are here")
         name = random.SystemRandom().choice(longest())
         run.run_aside(name)
@@ -39,6 +39,19 @@ def main(tarball: Path) -> None:
         for file in sorted(files, key=is_stamp):  # results last: they say that all is there
             replace(Path(folder, file), paths.ROOT / file)
     print(f"{len(files)} files are published; {name} was executed and gives the same")
+
+
+def made_from(results: Path) -> dict | None:
+    """The inputs that results say they were made from; None if they do not say."""
+    try:
+        return read_json(results)["provenance"]["inputs"]
+    except (ValueError, KeyError, TypeError):
+        return None
+
+
+def here(name: str) -> dict:
+    """What a notebook's results would be made from in this checkout."""
+    return inputs(name, read_params(name))
 
 
 def is_stamp(file: str) -> bool:
@@ -53,7 +66,7 @@ def check_hash(tarball: Path) -> None:
         if not path.is_file():
             raise ProjectError(f"{path} is missing")
     digest = hashlib.sha256(tarball.read_bytes()).hexdigest()
-    if beside.read_text(encoding="utf-8").split()[:1] != [digest]:
+    if beside.read_bytes().split()[:1] != [digest.encode()]:
         raise ProjectError(f"{tarball} is not what {beside.name} says: its sha256 is {digest}")
 
 
@@ -63,8 +76,9 @@ def unpack(tarball: Path, folder: Path) -> list[str]:
         with tarfile.open(tarball) as opened:
             chosen = [each for each in opened if each.isfile() and PLACES.fullmatch(each.name)]
             opened.extractall(folder, members=chosen, filter="data")
-    except tarfile.TarError as error:
-        raise ProjectError(f"{tarball} is not an archive of results: {error}") from error
+    except (tarfile.TarError, EOFError, OSError, zlib.error) as error:
+        why = (str(error).splitlines() or [type(error).__name__])[0].rstrip(":")
+        raise ProjectError(f"{tarball} is not an archive of results: {why}") from error
     for name in notebooks.names():
         if not (folder / f"build/results/{name}.json").is_file():
             raise ProjectError(f"{tarball} has no results of {name}")

@@ -109,9 +109,12 @@ def _study(args) -> int:
         return 0
     where = nullcontext()
     if args.scheduler:
-        from distributed import Client
+        try:
+            from distributed import Client
 
-        where = Client(args.scheduler)
+            where = Client(args.scheduler)
+        except (ImportError, ValueError) as error:  # it is an extra; no address
+            raise ProjectError(f"--scheduler {args.scheduler}: {error}") from error
     backend = "dask" if args.scheduler else "loky"
     with where, joblib.parallel_config(backend=backend):
         print(f"written: {studies.run(args.name, args.jobs)}")
@@ -163,7 +166,8 @@ def main(arguments: list[str] | None = None) -> int:
         if work in (_study, _why):
             command.add_argument("name")
         if work is _study:
-            command.add_argument("--jobs", type=int, help="workers (default: all cores, or dask's)")
+            meaning = "workers (default: all cores, or dask's)"
+            command.add_argument("--jobs", type=_workers, metavar="N", help=meaning)
             command.add_argument("--scheduler", help="address of a dask scheduler")
             command.add_argument("--status", action="store_true", help="only say how far it is")
     args = parser.parse_args(arguments)
@@ -186,6 +190,12 @@ def main(arguments: list[str] | None = None) -> int:
         logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # no traceback of the lost kernel
         print(UNTOUCHED, file=sys.stderr)
         return 130
+
+
+def _workers(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of workers, 1 or more")
+    return int(text)
 
 
 def _of_machine(error: OSError | MemoryError) -> str:

@@ -1,19 +1,24 @@
 """What ``python -m sngr_utils estimate FILE`` does: a log from a file, a map into files."""
 
+import os
+import re
 import sys
+import tempfile
 import warnings
+from concurrent.futures import Future
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 
 from sngr_utils.files import formats, tum
-from sngr_utils.files.recording import Recording
+from sngr_utils.files.recording import Recording, named
 from sngr_utils.metrics.alignment import aligned_errors, rigid
 from sngr_utils.robust import growing_map
 from sngr_utils.robust.growing_map import GrownMap
 from sngr_utils.slam.noise_estimation import RANGE, SOURCES
 from sngr_utils.world.dead_reckoning import dead_reckoning
-from sngr_utils.world.log import LogWarning
+from sngr_utils.world.log import NO_LABEL, LogWarning
 
 BAR = 40  # characters of the progress bar
 
@@ -35,18 +40,46 @@ def run(path: Path, out: Path | None, overwrite: bool) -> None:
         warnings.simplefilter("always", LogWarning)
         recording = formats.read(path)
     for text in dict.fromkeys(str(warning.message) for warning in odd):
-        print(f"warning: {text}", file=sys.stderr)
-    trajectory, image = _places(path, out, overwrite)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", LogWarning)  # said above
-        grown = growing_map.estimate(recording.log, _bar if sys.stderr.isatty() else _silent)
-    print("\n".join(summary(recording, grown)))
-    try:
-        tum.write(trajectory, recording.log.times, grown.soft.poses)
-        _draw(image, recording, grown)
+        print(f"warning: {_in_names(text, recording)}", file=sys.stderr)
+    places = _places(path, out, overwrite)
+    try:  # written aside, for what is there is replaced whole or not at all
+        with tempfile.TemporaryDirectory(prefix=".estimate", dir=places[0].parent) as aside:
+            trajectory, image = (Path(aside, place.name) for place in places)
+            grown = _estimate(path, recording)
+            tum.write(trajectory, recording.log.times, grown.soft.poses)
+            _draw(image, recording, grown)
+            for place in places:
+                os.replace(Path(aside, place.name), place)
     except OSError as error:
-        raise ValueError(f"{error.filename or trajectory}: {error.strerror}") from None
-    print(f"written: {trajectory}\nwritten: {image}")
+        raise ValueError(f"{places[0].parent}: {error.strerror or error}") from None
+    print("\n".join([*summary(recording, grown), *(f"written: {place}" for place in places)]))
+
+
+def _estimate(path: Path, recording: Recording) -> GrownMap:
+    """The work, in a thread: Ctrl-C while numba hands on a named tuple would crash the process."""
+    found = Future()
+
+    def work():
+        try:
+            progress = _bar if sys.stderr.isatty() else _silent
+            found.set_result(growing_map.estimate(recording.log, progress))
+        except BaseException as error:
+            found.set_exception(error)
+
+    with warnings.catch_warnings(), named(path):
+        warnings.simplefilter("ignore", LogWarning)  # said when the log was read
+        Thread(target=work, daemon=True).start()
+        return found.result()
+
+
+def _in_names(text: str, recording: Recording) -> str:
+    """What is said of "landmarks [0, 2]" said of those that the file calls so."""
+    names = recording.landmark_names
+    return re.sub(
+        r"landmarks \[([\d, ]+)\]",
+        lambda found: "landmarks " + ", ".join(names[int(k)] for k in found[1].split(", ")),
+        text,
+    )
 
 
 def summary(recording: Recording, grown: GrownMap) -> list[str]:
@@ -67,15 +100,17 @@ def summary(recording: Recording, grown: GrownMap) -> list[str]:
         if noise.sigmas[name]:
             error = min(errors[name], 1.0)  # more than all of it is no number
             lines.append(f"odometry, {name}: {noise.sigmas[name]:.2g} {unit} +- {error:.0%}")
+    if np.any(log.label_of != NO_LABEL):
+        lines.append(f"{soft.shares.wrong:.1%} of the labels are wrong")
     lines.append(
-        f"{soft.shares.wrong:.1%} of the labels are wrong, {soft.shares.clutter:.1%} of the ranges "
-        f"are from no landmark; of those held out {grown.unexplained:.1%}"
+        f"{soft.shares.clutter:.1%} of the ranges are from no landmark, "
+        f"of those held out {grown.unexplained:.1%}"
     )
     truth = recording.truth
     if truth is not None and truth.poses is not None:
         apart = aligned_errors(soft.poses[:, :2], truth.poses[:, :2])
         lines.append(f"aligned RMSE against the truth {np.sqrt((apart**2).sum(1).mean()):.3f} m")
-    lines += [f"IT MAY BE WRONG: {doubt}" for doubt in grown.doubts]
+    lines += [f"IT MAY BE WRONG: {_in_names(doubt, recording)}" for doubt in grown.doubts]
     return lines + ["nothing speaks against it"] * (not grown.doubts)
 
 
@@ -100,7 +135,9 @@ def _places(path: Path, out: Path | None, overwrite: bool) -> tuple[Path, Path]:
         raise ValueError(f"{folder}: {error.strerror}") from None
     found = folder / f"{name}.tum", folder / f"{name}.png"
     for there in found:
-        if there.exists() and not overwrite:
+        if there.is_dir():
+            raise ValueError(f"{there} is a folder: --out goes round")
+        if os.path.lexists(there) and not overwrite:
             raise ValueError(f"{there} is there already: --overwrite replaces it, --out goes round")
     return found
 

@@ -23,6 +23,7 @@ class Config(Checked):
 
     start_sigma : standard deviation of what is known of the first place
     prior_sigma : standard deviation of the guess about one place that the grid starts from
+    grid_step : between two cells of the grid, whose number grows with its inverse square
     wrong : which of the six ranges is credited to the other landmark
     """
 
@@ -31,7 +32,7 @@ class Config(Checked):
     odometry_sigma: Positive = 0.1
     range_sigma: Positive = 0.2
     prior_sigma: Positive = 2.0
-    grid_step: Annotated[float, Field(gt=0, le=0.2)] = 0.05
+    grid_step: Annotated[float, Field(ge=0.005, le=0.2)] = 0.05
     wrong: Annotated[int, Field(ge=0, lt=len(SEEN))] = 5
 
     def draw(self) -> Drive:

@@ -1,11 +1,16 @@
 """What an archive is told of the project is what CITATION.cff and the licences say."""
 
+import hashlib
+import importlib.util
 import json
 import re
+import tarfile
 
 import pytest
 
 from sngr_utils import paths
+from sngr_utils.publish import notebooks
+from sngr_utils.publish.notebooks import ProjectError
 from sngr_utils.publish.parameters import read_yaml
 
 
@@ -57,3 +62,52 @@ def test_the_archive_adds_no_other_version_of_what_is_locked():
     assert {name: more[name] for name in more.keys() & locked} == {
         name: locked[name] for name in more.keys() & locked
     }
+
+
+@pytest.fixture(scope="module")
+def results_from():
+    place = paths.ROOT / "scripts/results_from.py"
+    spec = importlib.util.spec_from_file_location("results_from", place)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def archive_of(folder, content):
+    """A tarball in which each notebook's results have this content."""
+    for name in notebooks.names():
+        path = folder / f"build/results/{name}.json"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(content)
+    with tarfile.open(folder / "a.tar.gz", "w:gz") as opened:
+        opened.add(folder / "build", "build")
+    return (folder / "a.tar.gz").read_bytes()
+
+
+FOREIGN = '{"provenance": {"inputs": 1}}'
+
+
+@pytest.mark.parametrize(
+    ("broken", "why"),
+    [
+        (lambda folder: b"", "is not an archive of results: file could not be opened"),
+        (lambda folder: b"no archive\n", "is not an archive of results: file could not be opened"),
+        (lambda folder: archive_of(folder, FOREIGN)[:200], "is not an archive of results: Comp"),
+        (lambda folder: archive_of(folder, FOREIGN), "was made from other inputs"),
+        (lambda folder: archive_of(folder, "{}"), "was made from other inputs"),
+        (lambda folder: archive_of(folder, '{"provenance": 3}'), "was made from other inputs"),
+        (lambda folder: archive_of(folder, "no JSON"), "was made from other inputs"),
+    ],
+)
+def test_what_is_no_archive_of_ours_is_refused_in_one_line(tmp_path, results_from, broken, why):
+    tarball = tmp_path / "sngr.tar.gz"
+    tarball.write_bytes(broken(tmp_path))
+    tarball.with_name("sngr.tar.gz.sha256").write_bytes(b"\xff\xfe")
+    with pytest.raises(ProjectError, match="is not what"):
+        results_from.main(tarball)
+    digest = hashlib.sha256(tarball.read_bytes()).hexdigest()
+    tarball.with_name("sngr.tar.gz.sha256").write_text(f"{digest}  sngr.tar.gz\n")
+    with pytest.raises(ProjectError, match=why) as error:
+        results_from.main(tarball)
+    assert str(tarball) in str(error.value)
+    assert "\n" not in str(error.value)

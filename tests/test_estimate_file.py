@@ -1,10 +1,16 @@
 """The command `estimate`: what it prints and writes, and that it ends in one line."""
 
+from dataclasses import replace
+from threading import current_thread, main_thread
+
 import numpy as np
 import pytest
 
 from sngr_utils import __main__ as command_line
-from sngr_utils.files import pyfg
+from sngr_utils.files import pyfg, tables
+from sngr_utils.files.recording import Recording
+from sngr_utils.robust import growing_map
+from sngr_utils.world.log import NO_LABEL
 from sngr_utils.world.scenario import Scenario
 from sngr_utils.world.simulation import simulate
 
@@ -38,3 +44,85 @@ def test_a_hostile_file_ends_in_one_line(tmp_path, capsys, content):
     said = capsys.readouterr().err
     assert said.startswith(f"error: {path}")
     assert said.count("\n") == 1
+
+
+def test_what_only_the_estimator_can_refuse_names_the_file_too(log_file, capsys):
+    lines = log_file.read_text().splitlines()
+    log_file.write_text("\n".join(line for line in lines if not line.startswith("EDGE_RANGE")))
+    assert command_line.main(["estimate", str(log_file)]) == 1
+    assert capsys.readouterr().err == (
+        f"error: {log_file}: there is nothing to estimate: no landmark or no range\n"
+    )
+
+
+def test_what_cannot_be_written_is_refused_before_the_work(log_file, capsys, monkeypatch):
+    monkeypatch.setattr(growing_map, "estimate", None)  # it would be a TypeError
+    dangling, folder = (log_file.with_name(f"mine_estimate.{end}") for end in ("tum", "png"))
+    dangling.symlink_to("nowhere")
+    assert command_line.main(["estimate", str(log_file)]) == 1
+    assert f"{dangling} is there already" in capsys.readouterr().err
+    folder.mkdir()
+    assert command_line.main(["estimate", str(log_file), "--overwrite"]) == 1
+    assert capsys.readouterr().err == f"error: {folder} is a folder: --out goes round\n"
+
+    def read_only(**where):
+        raise PermissionError(13, "Permission denied", f"{where['dir']}/x")
+
+    monkeypatch.setattr("tempfile.mkdtemp", lambda suffix, prefix, dir: read_only(dir=dir))
+    out = log_file.parent / "out"
+    assert command_line.main(["estimate", str(log_file), "--out", str(out)]) == 1
+    assert capsys.readouterr().err == f"error: {out}: Permission denied\n"
+
+
+def test_what_was_there_stays_whole_when_the_work_ends_half_way(log_file, monkeypatch):
+    there = log_file.with_name("mine_estimate.tum")
+    there.write_text("of yesterday")
+    before = sorted(log_file.parent.iterdir())
+
+    def interrupted(*given):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("sngr_utils.estimate_file._draw", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        command_line.main(["estimate", str(log_file), "--overwrite"])
+    assert there.read_text() == "of yesterday"
+    assert sorted(log_file.parent.iterdir()) == before
+
+
+def test_landmarks_in_doubt_are_called_as_in_the_file_and_labels_need_to_be_there(tmp_path, capsys):
+    world = simulate(Scenario(n_poses=20, n_landmarks=3), 0.0, rng=np.random.default_rng(101))
+    log = world.log([0.01, 0.01, 0.001])
+    names = ["west", "7", "5"]
+    tables.write(tmp_path / "a", Recording(log.keep(log.label_of != 1), None, names))
+    assert command_line.main(["estimate", str(tmp_path / "a")]) == 0
+    said = capsys.readouterr()
+    assert said.err == "warning: landmarks 7 have no range\n"
+    assert "IT MAY BE WRONG: landmarks 7 have hardly a range" in said.out
+    assert "of the labels are wrong" in said.out
+    unlabelled = replace(log, label_of=np.full(len(log.ranges), NO_LABEL))
+    tables.write(tmp_path / "b", Recording(unlabelled, None, names))
+    assert command_line.main(["estimate", str(tmp_path / "b")]) == 0
+    said = capsys.readouterr().out
+    assert "labels" not in said
+    assert "of the ranges are from no landmark" in said
+
+
+def test_the_work_is_done_where_an_interrupt_is_not_raised(log_file, capsys, monkeypatch):
+    """Signals are raised in the main thread; in numba's hands they would end it without a word."""
+
+    def work(log, progress):
+        raise ValueError(f"in the main thread: {current_thread() is main_thread()}")
+
+    monkeypatch.setattr(growing_map, "estimate", work)
+    assert command_line.main(["estimate", str(log_file)]) == 1
+    assert capsys.readouterr().err == f"error: {log_file}: in the main thread: False\n"
+
+
+def test_a_reader_of_the_summary_that_goes_away_costs_no_result(log_file, capsys, monkeypatch):
+    def gone(*given):
+        raise BrokenPipeError(32, "Broken pipe")
+
+    monkeypatch.setattr("sngr_utils.estimate_file.summary", gone)
+    assert command_line.main(["estimate", str(log_file)]) == 1
+    assert "error: Broken pipe" in capsys.readouterr().err
+    assert log_file.with_name("mine_estimate.tum").exists()

@@ -17,9 +17,10 @@ def read(path: Path) -> Recording:
     """
     if path.is_dir():
         return tables.read(path)
-    if path.suffix not in READERS:
+    suffix = path.suffix.lower()
+    if suffix not in READERS:
         known = ", ".join(READERS)
         raise ValueError(f"{path}: neither one of {known} nor a folder of tables")
-    if not path.exists():
+    if not path.is_file():
         raise ValueError(f"{path}: no such file")
-    return READERS[path.suffix](path)
+    return READERS[suffix](path)

@@ -16,6 +16,7 @@ import numpy as np
 from scipy import io
 
 from sngr_utils.files.recording import Recording, frame_sigmas, named
+from sngr_utils.files.text import LARGEST
 from sngr_utils.world.dead_reckoning import relative_motion
 from sngr_utils.world.log import Log
 from sngr_utils.world.truth import Truth
@@ -55,14 +56,15 @@ def read(path: Path, heading: str = "course") -> Recording:
 
     Raises
     ------
-    ValueError : no such file, tables that do not fit, or another heading
+    ValueError : no such file, tables that do not fit, a robot that stands still, or another heading
     """
     if heading not in HEADINGS:
         raise ValueError(f"heading is {heading!r}: it must be one of {', '.join(HEADINGS)}")
     reckoned, gps, ranges, radios = _tables(path)
     times = _times(ranges[:, 0])
-    path = _honest(reckoned) if heading == "course" else _leaked(reckoned)
-    poses = _at(times, reckoned[:, 0], path)
+    with named(path):
+        way = _honest(reckoned) if heading == "course" else _leaked(reckoned)
+    poses = _at(times, reckoned[:, 0], way)
     true = _at(times, gps[:, 0], np.column_stack([gps[:, 1:3], np.unwrap(gps[:, 3])]))
     names = [str(int(radio)) for radio in radios[:, 0]]
     labels = [names.index(str(int(radio))) for radio in ranges[:, 2]]
@@ -99,16 +101,24 @@ def _tables(path: Path) -> list[np.ndarray]:
         fits = table is not None and table.dtype.kind == "f" and table.ndim == 2
         if not fits or table.shape[1] != columns or not len(table):
             raise ValueError(f"{path}: not a Plaza set: no table {name} of {columns} columns")
-        if not np.isfinite(table).all():
-            row = int(np.argmin(np.isfinite(table).all(axis=1)))
-            raise ValueError(f"{path}: {name}[{row}] must be finite")
-    strange = ~np.isin(found["TD"][:, 2], found["TL"][:, 0])
-    if strange.any():
-        raise ValueError(f"{path}: TD[{int(np.argmax(strange))}] is from a radio that TL has not")
+        bad = ~(np.abs(table) <= LARGEST).all(axis=1)
+        _refuse(path, name, bad, f"must be finite and at most {LARGEST:g}")
+    heard, radios = found["TD"], found["TL"][:, 0]
+    again = ~np.isin(np.arange(len(radios)), np.unique(radios, return_index=True)[1])
+    _refuse(path, "TL", again | (radios % 1 != 0), "must number a radio, once")
+    _refuse(path, "TD", ~np.isin(heard[:, 2], radios), "is from a radio that TL has not")
     for name in ("DRp", "GT"):
-        if len(found[name]) < 3 or np.any(np.diff(found[name][:, 0]) <= 0):
+        times = found[name][:, 0]
+        if len(times) < 3 or np.any(np.diff(times) <= 0):
             raise ValueError(f"{path}: the times of {name} must grow")
+        early, late = heard[:, 0] < times[0] - SILENCE, heard[:, 0] > times[-1] + SILENCE
+        _refuse(path, "TD", early | late, f"is at a time that {name} has not")
     return [found[name] for name in TABLES]
+
+
+def _refuse(path: Path, table: str, bad: np.ndarray, why: str) -> None:
+    if bad.any():
+        raise ValueError(f"{path}: {table}[{int(np.argmax(bad))}] {why}")
 
 
 def _times(heard: np.ndarray) -> np.ndarray:
@@ -123,7 +133,10 @@ def _honest(reckoned: np.ndarray) -> np.ndarray:
     """(T, 3) dead-reckoned positions and their course, held where they stand still."""
     steps = np.diff(reckoned[:, 1:3], axis=0)
     lengths = np.hypot(*steps.T)
-    moves = lengths > SLOW * np.median(lengths[lengths > lengths.mean()])
+    fast = lengths[lengths > lengths.mean()]  # none if all are alike
+    moves = lengths > SLOW * (np.median(fast) if len(fast) else lengths.max())
+    if not moves.any():
+        raise ValueError("the positions of DRp never move: they have no course")
     middle = 0.5 * (reckoned[:-1, 0] + reckoned[1:, 0])
     angles = np.unwrap(np.arctan2(steps[moves, 1], steps[moves, 0]))
     course = np.interp(reckoned[:, 0], middle[moves], angles)

@@ -4,6 +4,7 @@
 is more to tell; `truth.csv` is for judging.
 """
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ COLUMNS = {
     "calibration": (["quantity", "mean", "sigma"], []),
 }
 CHANCE = "p:"  # a column of chances that a range is from the landmark named after it
+ROUNDING = 1e-9  # of chances that sum to one
 FIXED = {"scale": (1.0, 0.0), "offset_m": (0.0, 0.0)}
 
 
@@ -93,7 +95,7 @@ class Table:
 def _table(folder: Path, name: str, required: bool = True) -> Table | None:
     """A table with a header that it may have; None if it is missing and may be."""
     path = folder / f"{name}.csv"
-    if not required and not path.exists():
+    if not required and not os.path.lexists(path):
         return None
     head, *rows = lines(path, ",")
     must, may = COLUMNS[name]
@@ -169,6 +171,9 @@ def _ranges(ranges: Table, times: np.ndarray, names: list[str]) -> dict:
             if name[len(CHANCE) :] not in names:
                 raise ValueError(f"{ranges.path}: column {name}: landmarks.csv has none such")
             chances[:, names.index(name[len(CHANCE) :])] = ranges.numbers([name])[:, 0]
+        for row, chance in zip(ranges.rows, chances, strict=True):
+            if chance.min() < 0 or chance.sum() > 1 + ROUNDING:
+                raise row.refuse("chances must be from 0 to 1 and sum to at most 1")
         found["label_probabilities"] = chances
     return found
 
@@ -207,6 +212,9 @@ def _survey(landmarks: Table | None) -> dict:
     if landmarks is None:
         return {}
     surveyed = landmarks.numbers(["x_m", "y_m", "sigma_m"], empty=True)
+    for row, sigma in zip(landmarks.rows, surveyed[:, 2], strict=True):
+        if not np.isnan(sigma):
+            row.positive(landmarks.cells_of(row, "sigma_m"), "sigma_m")
     return {"landmark_means": surveyed[:, :2], "landmark_sigmas": surveyed[:, 2]}
 
 
@@ -214,10 +222,11 @@ def _calibration(table: Table | None) -> dict:
     if table is None:
         return {}
     found = dict(FIXED)
+    names = table.cells("quantity")
     for row in table.rows:
         name, *cells = (table.cells_of(row, column) for column in COLUMNS["calibration"][0])
-        if name not in FIXED:
-            raise row.refuse(f"quantity is {name[:40]!r}: it must be one of {', '.join(FIXED)}")
+        if name not in FIXED or names.count(name) > 1:
+            raise row.refuse(f"quantity is {name[:40]!r}: {', '.join(FIXED)}, each at most once")
         mean, sigma = (float("inf") if c == "inf" else float(row.numbers([c])[0]) for c in cells)
         found[name] = (mean, sigma)
     return {"scale": found["scale"], "offset": found["offset_m"]}

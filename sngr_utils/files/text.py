@@ -81,7 +81,9 @@ def lines(path: Path, separator: str | None = None) -> Iterator[Line]:
 
 def _text(path: Path) -> str:
     try:
-        if path.is_file() and path.stat().st_size > LARGEST_FILE:
+        if path.exists() and not path.is_file():  # a pipe or a device may have no end
+            raise ValueError(f"{path}: not a file")
+        if path.exists() and path.stat().st_size > LARGEST_FILE:
             raise ValueError(f"{path}: larger than {LARGEST_FILE >> 20} MB")
         raw = path.read_bytes()
     except (OSError, MemoryError) as error:
@@ -89,7 +91,7 @@ def _text(path: Path) -> str:
     if b"\0" in raw:
         raise ValueError(f"{path}: not a text in UTF-8 (it holds zero bytes)")
     try:
-        return raw.decode("utf-8-sig")
+        return re.sub("\r\n?", "\n", raw.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
         raise ValueError(f"{path}:{line}: not a text in UTF-8 ({error.reason})") from None

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from toy_study import FACTOR, draw
 
+from sngr_utils import __main__ as command_line
 from sngr_utils.experiments import real_online, row_store, studies
 from sngr_utils.experiments.many_worlds import map_worlds
 from sngr_utils.files import plaza
@@ -101,3 +102,21 @@ def test_the_registered_studies_run(name, short_drives):
     study = studies.STUDIES[name]
     (row,) = map_worlds(study.task, study.cells[:1], 1)
     row_store.text_of(row, "a row")
+
+
+@pytest.mark.parametrize(
+    ("options", "status", "why"),
+    [
+        (["--jobs", "0"], 2, "--jobs: '0' is no number of workers, 1 or more"),
+        (["--jobs", "two"], 2, "--jobs: 'two' is no number of workers"),
+        (["--scheduler", "nowhere"], 1, "error: --scheduler nowhere: "),
+    ],
+)
+def test_what_makes_no_workers_is_refused_in_a_line(capsys, monkeypatch, options, status, why):
+    monkeypatch.setattr(studies, "run", None)  # it would be a TypeError
+    try:
+        found = command_line.main(["study", "goats", *options])
+    except SystemExit as ended:
+        found = ended.code
+    assert found == status
+    assert why in capsys.readouterr().err

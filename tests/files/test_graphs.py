@@ -1,5 +1,6 @@
 """`.pyfg` and `.fg`: what a line means, what comes back, what is refused and where."""
 
+import os
 import re
 from dataclasses import fields
 
@@ -214,14 +215,20 @@ def test_a_hostile_file_ends_in_one_line(tmp_path, kind, suffix):
     assert len(str(error.value)) < 400
 
 
-@pytest.mark.parametrize("name", ["missing.pyfg", "missing.txt", "folder"])
+@pytest.mark.parametrize(
+    "name", ["missing.pyfg", "missing.txt", "folder", "pipe.pyfg", "pipe.mat", "pipes"]
+)
 def test_what_is_no_file_is_refused(tmp_path, name):
     (tmp_path / "folder").mkdir()
+    (tmp_path / "pipes").mkdir()
+    for pipe in ("pipe.pyfg", "pipe.mat", "pipes/odometry.csv"):
+        os.mkfifo(tmp_path / pipe)  # whoever opens it waits for ever
     with pytest.raises(ValueError, match=name):
         formats.read(tmp_path / name)
 
 
-def test_a_byte_order_mark_and_line_ends_of_windows_do_no_harm(tmp_path):
-    path = tmp_path / "log.pyfg"
-    path.write_bytes(b"\xef\xbb\xbf" + PYFG.replace("\n", "\r\n").encode())
+@pytest.mark.parametrize("end", ["\r\n", "\r"])
+def test_a_byte_order_mark_other_line_ends_and_capitals_do_no_harm(tmp_path, end):
+    path = tmp_path / "LOG.PYFG"
+    path.write_bytes(b"\xef\xbb\xbf" + PYFG.replace("\n", end).encode())
     assert formats.read(path).log.n_poses == 3

@@ -71,15 +71,36 @@ def test_a_file_that_is_no_plaza_set_is_refused(tmp_path):
     table = raw("Plaza2")
     broken, backwards, other = table["TD"].copy(), table["GT"][::-1], table["TD"].copy()
     broken[7, 3], other[3, 2] = np.nan, 9
+    zero, huge, late, still, again, part = (
+        table[name].copy() for name in ("TD", "DRp", "TD", "DRp", "TL", "TL")
+    )
+    zero[5, 3], huge[4, 1], late[6, 0], still[:, 1:3] = 0, 1e300, 1e12, 0
+    again[2, 0], part[1, 0] = again[0, 0], 0.5
     for tables, why in (
         ({"TD": None}, "no table TD of 4 columns"),
         ({"TD": table["TD"][:, :3]}, "no table TD"),
         ({"TD": broken}, r"TD\[7\] must be finite"),
         ({"TD": other}, r"TD\[3\] is from a radio"),
         ({"GT": backwards}, "the times of GT must grow"),
+        ({"TD": zero}, r"ranges\[5\] is 0"),
+        ({"DRp": huge}, r"DRp\[4\] must be finite and at most"),
+        ({"TD": late}, r"TD\[6\] is at a time that DRp has not"),
+        ({"GT": table["GT"][:100]}, r"TD\[\d+\] is at a time that GT has not"),
+        ({"DRp": still}, "the positions of DRp never move"),
+        ({"TL": again}, r"TL\[2\] must number a radio, once"),
+        ({"TL": part}, r"TL\[1\] must number a radio, once"),
     ):
-        with pytest.raises(ValueError, match=why):
-            formats.read(changed(tmp_path, **tables))
+        path = changed(tmp_path, **tables)
+        with pytest.raises(ValueError, match=why) as error:
+            formats.read(path)
+        assert str(error.value).startswith(f"{path}: ")
+
+
+def test_steps_that_are_all_alike_have_a_course(tmp_path):
+    straight = raw("Plaza2")["DRp"].copy()
+    straight[:, 1:3] = np.arange(len(straight))[:, None] * [0.25, 0.0]
+    found = formats.read(changed(tmp_path, DRp=straight))
+    np.testing.assert_allclose(found.log.odometry[:, 1:], 0, atol=1e-9)
 
 
 def test_a_truncated_set_is_refused(tmp_path):

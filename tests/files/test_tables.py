@@ -95,6 +95,7 @@ def test_a_log_without_truth_comes_back_without(tmp_path):
     assert formats.read(tmp_path / "new").truth is None
 
 
+RANGES_WITH_CHANCES = "pose,range_m,sigma_m,landmark,p:a,p:b\n0,3,1,a,1,0\n1,3,1,a,0.6,0.6\n"
 BAD = [
     ("odometry", "dx_m", "dx", "odometry.csv:1: no column dx_m"),
     ("odometry", "sigma_theta_rad", "sigma_theta_rad,x", "odometry.csv:1: 'x' is no column"),
@@ -107,6 +108,7 @@ BAD = [
     ("ranges", "11.6", "19.6", "ranges.csv:2: time_s is 19.6"),
     ("ranges", "time_s, ", "", "ranges.csv:2: 4 cells: the header has 3"),
     ("ranges", ", b", ", b; c", None),
+    ("landmarks", "c,,,", "c,1.0,1.0,0", "landmarks.csv:4: sigma_m is '0'"),
     ("landmarks", "c,,,", "c,1.0,,", "landmarks.csv:4: '' is not a finite number"),
     ("landmarks", "c,,,", "a,,,", "landmarks.csv:3: landmark 'a'"),
     ("landmarks", "a,4.0", "d,4.0", "ranges.csv:3: landmark 'a': landmarks.csv has none such"),
@@ -126,6 +128,26 @@ def test_tables_name_line_and_reason(tmp_path, table, old, new, why):
     with pytest.raises(ValueError, match=re.escape(why)) as error:
         formats.read(folder_of(tmp_path, **given))
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("table", "text", "why"),
+    [
+        ("calibration", "quantity,mean,sigma\nscale,1,0\nscale,2,0\n", "calibration.csv:2: quant"),
+        ("ranges", RANGES_WITH_CHANCES, "ranges.csv:3: chances must be"),
+    ],
+)
+def test_what_contradicts_itself_is_refused_by_line(tmp_path, table, text, why):
+    given = {"odometry": ODOMETRY, "ranges": RANGES, table: text}
+    with pytest.raises(ValueError, match=re.escape(why)):
+        formats.read(folder_of(tmp_path, **given))
+
+
+def test_a_table_that_may_be_missing_is_not_missing_if_its_link_leads_nowhere(tmp_path):
+    folder = folder_of(tmp_path, odometry=ODOMETRY, ranges=RANGES)
+    (folder / "landmarks.csv").symlink_to("nowhere.csv")
+    with pytest.raises(ValueError, match=r"landmarks\.csv: No such file"):
+        formats.read(folder)
 
 
 def test_correlations_must_be_those_of_a_covariance(tmp_path):
