@@ -122,8 +122,9 @@ $(NOTEBOOKS:%=scratch/%): scratch/%: setup
 # Where a number, a table or a figure comes from: make why KEY=online.p0.4.ratio, TABLE=online_goal
 # or FIGURE=08_association_aware_summary.
 .PHONY: why
+why: export ASKED := $(or $(KEY),$(TABLE),$(FIGURE))
 why: setup
-	@$(RUN) why "$(or $(KEY),$(TABLE),$(FIGURE),$(error name one: KEY=, TABLE= or FIGURE=))"
+	@$(RUN) why "$${ASKED:?name one: KEY=, TABLE= or FIGURE=}"
 
 # After a deliberate change: make the results at hand the reference.
 reference: results

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from sngr_utils.settings import Checked, Positive, Probability, Seed
 
@@ -29,8 +29,7 @@ class Config(Checked):
     """Parameters of the chapter.
 
     seed : of wrong labels, and of random maps to start from
-    n_poses : of the stretch that is driven here
-    p : share of wrong labels on it
+    n_poses, p : of the stretch that is driven here, and the share of wrong labels on it
     prefixes : poses after which maps without labels are looked for
     n_starts : random maps to start from
     n_scales, scale_low, scale_high : range scales at which the cost is computed
@@ -44,6 +43,14 @@ class Config(Checked):
     n_scales: Annotated[int, Field(ge=3)] = 13
     scale_low: Positive = 1.04
     scale_high: Positive = 1.1
+
+    @model_validator(mode="after")
+    def _consistent(self):
+        if self.prefixes != sorted(set(self.prefixes)):
+            raise ValueError(f"prefixes is {self.prefixes}: each must be longer than the last")
+        if self.scale_low >= self.scale_high:
+            raise ValueError(f"scale_low is {self.scale_low}: it must be below scale_high")
+        return self
 
 
 def recording(name: str, heading: str = "course") -> Recording:

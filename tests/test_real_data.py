@@ -188,7 +188,11 @@ def test_some_peers_are_lost_with_right_labels_and_truncated_squares_never():
 # --- parameters, tables, figures ------------------------------------------------------------
 
 
-@pytest.mark.parametrize("bad", [{"n_poses": 3}, {"prefixes": [80]}, {"p": 1.5}, {"n_starts": 1}])
+@pytest.mark.parametrize(
+    "bad",
+    [{"n_poses": 3}, {"prefixes": [80]}, {"prefixes": [120, 80]}, {"p": 1.5}, {"n_starts": 1},
+     {"scale_low": 1.2}],
+)  # fmt: skip
 def test_parameters_that_cannot_be_are_refused_by_name(bad):
     with pytest.raises(ValueError, match=next(iter(bad))):
         real_data.Config(**bad)
