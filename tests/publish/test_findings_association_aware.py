@@ -10,7 +10,8 @@ from sngr_utils.experiments.online_variants import NAME, PARTS
 from sngr_utils.metrics import summaries
 from sngr_utils.publish.results import results_in
 
-LEVELS, PEERS = ("0", "0.1", "0.2", "0.4", "0.5"), ("0.1", "0.2", "0.4", "0.5")
+PEERS = ("0.1", "0.2", "0.3", "0.4", "0.5")
+LEVELS = ("0", "0.05", *PEERS)
 KINDS = ("ratio", "graph", "filtered", "landmark_ratio")
 FORGET = ("huber", "cauchy", "dcs", "gnc_tls", "gnc_gm", "switchable", "max_mixture_null")
 SLOW = ("sngr", "fastslam")
@@ -113,6 +114,6 @@ def test_with_nets_exclusion_is_missed_most_and_without_them_circles_reach_farth
 
 def test_slips():
     ours, trusting = (worlds(f"online.slip.{method}.rmse") for method in (NAME, "trusting"))
-    assert 0.4 < ours.mean() / trusting.mean() < 0.65  # nearly half
+    assert 0.25 < ours.mean() / trusting.mean() < 0.45  # nearly two thirds less
     lost = {m: np.sum(worlds(f"online.slip.{m}.ratio") > 1.5) for m in (NAME, "trusting", BATCH)}
-    assert lost[BATCH] == 0 < lost[NAME] < lost["trusting"]
+    assert lost[NAME] == lost[BATCH] == 0 < lost["trusting"]
