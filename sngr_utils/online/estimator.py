@@ -83,7 +83,7 @@ class OnlineEstimate:
     p, clutter : shares of wrong labels and of ranges from no landmark, estimated
     filtered : (T, 3) each pose as estimated when it was the newest, [m, m, rad]
     counts : how often: "landmark questions" and "position questions" (put to many starts, by
-        reason), "landmark samples" and "position samples" (referred to nested sampling), "mirror
+        reason), "landmark samples" and "position samples" (drawn by nested sampling), "mirror
         waits" (initialisation delayed by the mirror test, without a run),
         "landmark restarts", "batch trials" and "batch restarts" (EM tried and adopted), "slips",
         and of all ranges at the end "swapped" and "dropped"
@@ -327,7 +327,7 @@ class Online:
                 gap = mine - rival.cost if different else gap
                 log, ours, mine = rival.log, rival.found, rival.cost
             elif different:
-                gap = min(gap, rival.cost - mine)
+                gap = min(gap, max(rival.cost - mine, 0.0))
         self._adopt(log, told, ours)
         return float(gap)
 

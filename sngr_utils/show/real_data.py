@@ -198,7 +198,7 @@ def online_table(rows: pd.DataFrame) -> pd.DataFrame:
 def asked_table(rows: pd.DataFrame) -> pd.DataFrame:
     """Who was asked how often on a whole drive, and what the path is worth."""
     columns = {
-        "mirror_waits": "waits by mirror test", "landmark_questions": "many starts",
+        "mirror_waits": "delays by mirror test", "landmark_questions": "many starts",
         "landmark_samples": "nested sampling",
     }  # fmt: skip
     found = [
