@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from sngr_utils import paths
+from sngr_utils.experiments import studies
 from sngr_utils.experiments.estimators import BATCH, METHODS
 from sngr_utils.experiments.online_variants import NAME, PARTS
 from sngr_utils.metrics import summaries
@@ -36,6 +37,7 @@ ASKED = (
         for what in ("ratio", "rmse")
     }
 )
+ASKED |= {f"worlds.{key}" for key in ("n", "lost", "lost_doubted", "others_doubted")}
 RESULTS = results_in(paths.REFERENCE)
 
 
@@ -119,3 +121,25 @@ def test_slips():
     assert lost[BATCH] == lost[NAME] == 0 < lost["trusting"]
     between = interval(ours / batch)
     assert between.low < 1 < between.high
+
+
+def test_in_worlds_of_other_kinds_the_middle_one_is_at_the_oracle_but_on_straight_roads():
+    rows = studies.committed("every_world")
+    for (kind, preset, p), group in rows.groupby(["kind", "preset", "p"]):
+        middle = interval(group["final"])
+        assert middle.low < 1.05 or kind == "straight", (kind, preset, p)
+        assert group["final"].median() < 1.05 or kind == "straight", (kind, preset, p)
+    straight = rows[(rows["kind"] == "straight") & (rows["p"] == 0.3)]
+    assert straight["final"].median() > 1.1
+
+
+def test_one_in_forty_is_lost_and_hardly_one_of_them_doubts_itself():
+    n, lost, found, others = (
+        RESULTS[f"worlds.{key}"]["value"] for key in ("n", "lost", "lost_doubted", "others_doubted")
+    )
+    assert 1 / 50 < lost / n < 1 / 33
+    assert found < 0.1 * lost
+    rows = studies.committed("every_world")
+    cluttered = rows["kind"].str.startswith("clutter")
+    doubted = (rows["doubtful"] > 0) & (rows["final"] < 1.5)
+    assert (doubted & cluttered).sum() > 0.5 * others

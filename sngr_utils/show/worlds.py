@@ -1,0 +1,65 @@
+"""The table and the figure of the study of worlds of every kind, a summary of which 08 shows."""
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from sngr_utils.experiments.estimators import LOST
+from sngr_utils.publish import report
+from sngr_utils.publish.cells import cell, number
+from sngr_utils.show import style
+
+
+def cases(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Worlds alike but for their seeds, by name; the preset is named where it is not C."""
+    found = {}
+    for (kind, preset, p), group in rows.groupby(["kind", "preset", "p"], sort=False):
+        found[f"{kind}, p = {p:g}" + (f", preset {preset}" if preset != "C" else "")] = group
+    return found
+
+
+def table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Errors over the oracle's of the same kind, consistency, and what estimates say of it."""
+    lines = []
+    for name, group in cases(rows).items():
+        final, filtered = group["final"], group["filtered"]
+        lost, doubted = final > LOST, group["doubtful"] > 0
+        lines.append([
+            name, number(final.median()), number(final.mean()), number(final.max()),
+            number(filtered.median()), number(filtered.mean()),
+            number(group["known"].mean()), number(group["landmark_ratio"].median()),
+            number(group["nees"].mean()), number(group["oracle_nees"].mean()),
+            cell("{:d} of {:d}", lost.sum(), len(group)),
+            cell("{:d}, {:d}", (lost & doubted).sum(), (~lost & doubted).sum()),
+        ])  # fmt: skip
+    heads = [
+        "worlds", "final, median", "mean", "worst", "newest pose, median", "mean ", "known",
+        "landmarks, median", "NEES", "NEES oracle", "lost", "doubted: lost, others",
+    ]  # fmt: skip
+    return pd.DataFrame(lines, columns=heads)
+
+
+def draw(ax: Axes, rows: pd.DataFrame) -> None:
+    """A circle per world at the ratio of its final estimate to the oracle's, filled if doubted."""
+    named = cases(rows)
+    for place, group in enumerate(named.values()):
+        for doubted, fill in ((False, "none"), (True, style.TRIGGERED)):
+            ratio = group.loc[(group["doubtful"] > 0) == doubted, "final"]
+            colour = style.TRIGGERED if doubted else style.ESTIMATE
+            at = np.full(len(ratio), -place)
+            ax.plot(ratio, at, "o", ms=2.8, mfc=fill, mec=colour, mew=0.6)
+        ax.plot(group["final"].median(), -place, "|", ms=8, mew=1.2, color=style.TRUTH)
+    ax.axvline(1, color=style.TRUTH, lw=0.6, zorder=1)
+    ax.axvline(LOST, color=style.PRINTED, lw=0.6, ls=":", zorder=1)
+    ax.set_yticks(-np.arange(len(named)), list(named))
+    ax.set(xscale="log", xlabel="pose RMSE over the oracle's")
+    ax.grid(axis="y", lw=0.3)
+
+
+def record(rows: pd.DataFrame, to: report.Report) -> None:
+    """Hand on how many worlds were lost, and how many of which doubted themselves."""
+    lost, doubted = rows["final"] > LOST, rows["doubtful"] > 0
+    to.value("worlds.n", len(rows), ".0f")
+    to.value("worlds.lost", lost.sum(), ".0f")
+    to.value("worlds.lost_doubted", (lost & doubted).sum(), ".0f")
+    to.value("worlds.others_doubted", (~lost & doubted).sum(), ".0f")

@@ -1,0 +1,33 @@
+import pandas as pd
+
+from sngr_utils.publish import report
+from sngr_utils.show import style, worlds
+
+ROWS = pd.DataFrame({
+    "kind": ["circle", "circle", "slip"], "preset": ["C", "C", "A"], "p": [0.3, 0.3, 0.0],
+    "final": [1.0, 1.2, 2.0], "filtered": [1.0, 1.1, 3.0], "known": [1.0, 1.0, 0.5],
+    "landmark_ratio": [1.0, 1.0, 2.0], "nees": [2.0, 2.0, 9.0], "oracle_nees": [2.0, 2.0, 2.0],
+    "doubtful": [0, 1, 1],
+})  # fmt: skip
+
+
+def test_a_row_for_each_kind_says_how_many_are_lost_and_doubted():
+    table = worlds.table(ROWS)
+    assert list(table["worlds"]) == ["circle, p = 0.3", "slip, p = 0, preset A"]
+    assert [str(cell) for cell in table["lost"]] == ["0 of 2", "1 of 1"]
+    assert [str(cell) for cell in table["doubted: lost, others"]] == ["0, 1", "1, 0"]
+    assert str(table["final, median"][0]) == "1.10"
+
+
+def test_a_circle_for_each_world_and_four_numbers(tmp_path):
+    fig, ax = style.figure()
+    worlds.draw(ax, ROWS)
+    assert [label.get_text() for label in ax.get_yticklabels()] == list(worlds.cases(ROWS))
+    circles = [line for line in ax.lines if line.get_marker() == "o"]
+    assert sum(len(line.get_xdata()) for line in circles) == len(ROWS)
+    to = report.Report("08_association_aware", tmp_path)
+    worlds.record(ROWS, to)
+    found = {key: entry["value"] for key, entry in to._results["values"].items()}
+    assert found == {
+        "worlds.n": 3, "worlds.lost": 1, "worlds.lost_doubted": 1, "worlds.others_doubted": 1,
+    }  # fmt: skip
