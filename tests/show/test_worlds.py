@@ -20,7 +20,7 @@ def test_a_row_for_each_kind_says_how_many_are_lost_and_doubted():
 
 
 def test_a_circle_for_each_world_and_four_numbers(tmp_path):
-    fig, ax = style.figure()
+    _fig, ax = style.figure()
     worlds.draw(ax, ROWS)
     assert [label.get_text() for label in ax.get_yticklabels()] == list(worlds.cases(ROWS))
     circles = [line for line in ax.lines if line.get_marker() == "o"]
