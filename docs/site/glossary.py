@@ -7,6 +7,7 @@ the pointer rests on it; the first mention in the book has it in the margin as w
 import re
 
 from docutils import nodes
+from sphinx import addnodes
 from sphinx.application import Sphinx
 
 PAGE = "docs/glossary"
@@ -14,7 +15,10 @@ ENTRY = re.compile(
     r"^(?:<span id=\"[\w-]+\"></span>)?\*\*([^*]+)\*\*(?: \(([^)]*)\))?: (.+)$", re.M
 )
 # Where a link would be in the way: code, headings, other links.
-LEFT_ALONE = (nodes.literal, nodes.title, nodes.reference, nodes.math, nodes.FixedTextElement)
+LEFT_ALONE = (
+    nodes.literal, nodes.title, nodes.reference, addnodes.pending_xref, nodes.math,
+    nodes.FixedTextElement,
+)  # fmt: skip
 
 
 def anchor(term: str) -> str:

@@ -97,6 +97,7 @@ def test_stored_outputs_name_no_machine(name):
     text = (paths.NOTEBOOKS / f"{name}.ipynb").read_text(encoding="utf-8")
     assert not re.search(r"/(home|root|work|tmp|Users)/\w", text)
     assert not re.search(r"https?://(?!www\.w3\.org)", text)
+    assert not re.search(r" at 0x[0-9a-f]{6}", text), "the address of an object, another each time"
 
 
 def test_only_wall_clocks_are_left_out_of_the_comparison(name):
