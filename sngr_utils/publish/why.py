@@ -96,7 +96,8 @@ def _cells(cells: list[Cell]) -> Iterator[Line]:
     for cell in cells:
         lines = cell.source.split("\n")
         handing = [i for i, line in enumerate(lines) if "paper" in line and ".save(" not in line]
-        yield "cell", _place(cell, handing[-1] if handing else 0)
+        recording = [i for i in handing if "show.record" in lines[i]]
+        yield "cell", _place(cell, (recording or handing or [0])[-1])
         for earlier in made_in(cell):
             yield "made in", _place(earlier, 0)
 
