@@ -28,6 +28,15 @@ def read_notebook(name):
     return nbformat.read(paths.NOTEBOOKS / f"{name}.ipynb", as_version=4)
 
 
+def cells_from_scratch(name, **given):
+    """What the cells of a notebook tagged "from-scratch" define, with NumPy and what is given."""
+    names = {"np": np, **given}
+    for cell in read_notebook(name).cells:
+        if "from-scratch" in cell.metadata.get("tags", []):
+            exec(cell.source, names)
+    return names
+
+
 def paper_text():
     """The paper and its supplement, without what stands before their first words."""
     texts = [(paths.ROOT / file).read_text(encoding="utf-8") for file in links.DOCUMENTS]

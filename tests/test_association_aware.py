@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
-from helpers import handed_on, read_notebook
+from helpers import cells_from_scratch, handed_on
 
 from sngr_utils import association_aware
 from sngr_utils.experiments import estimators, online_variants
@@ -101,11 +101,7 @@ def test_figures_draw_every_method_variant_and_range(runs, ablation, from_scratc
 @pytest.fixture(scope="module")
 def from_scratch():
     """What the notebook's cells tagged "from-scratch" define."""
-    names = {"np": np, "permutations": permutations}
-    for cell in read_notebook("08_association_aware").cells:
-        if "from-scratch" in cell.metadata.get("tags", []):
-            exec(cell.source, names)
-    return names
+    return cells_from_scratch("08_association_aware", permutations=permutations)
 
 
 def of_scan(scan, names):

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from helpers import handed_on, read_notebook
+from helpers import cells_from_scratch, handed_on, read_notebook
 from ruamel.yaml import YAML
 
 from sngr_utils import audit, paths
@@ -110,11 +110,7 @@ def test_tables_are_whole(small, sweep, studies):
 @pytest.fixture(scope="module")
 def from_scratch():
     """What the notebook's cells tagged "from-scratch" define."""
-    names = {"np": np, "math": math}
-    for cell in read_notebook("05_audit").cells:
-        if "from-scratch" in cell.metadata.get("tags", []):
-            exec(cell.source, names)
-    return names
+    return cells_from_scratch("05_audit", math=math)
 
 
 def test_sign_test_from_scratch_is_the_librarys(from_scratch):

@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from helpers import handed_on, read_notebook
+from helpers import cells_from_scratch, handed_on
 
 from sngr_utils import bimodal, paths
 from sngr_utils.metrics import standard_error
@@ -158,11 +158,7 @@ def test_the_notebook_depends_on_nothing_it_does_not_show():
 @pytest.fixture(scope="module")
 def from_scratch():
     """What the notebook's cells tagged "from-scratch" define."""
-    names = {"np": np}
-    for cell in read_notebook("01_bimodal").cells:
-        if "from-scratch" in cell.metadata.get("tags", []):
-            exec(cell.source, names)
-    return names
+    return cells_from_scratch("01_bimodal")
 
 
 def plane_log_likelihood(point):

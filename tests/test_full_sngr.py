@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from helpers import handed_on, quick_config, read_notebook
+from helpers import cells_from_scratch, handed_on, quick_config
 
 from sngr_utils import full_sngr
 from sngr_utils.metrics.effective_sample_size import effective_sample_size
@@ -107,11 +107,7 @@ def test_bad_pipeline_names_the_parameter(name):
 @pytest.fixture(scope="module")
 def from_scratch():
     """What the notebook's cells tagged "from-scratch" define."""
-    names = {"np": np}
-    for cell in read_notebook("03_full_sngr").cells:
-        if "from-scratch" in cell.metadata.get("tags", []):
-            exec(cell.source, names)
-    return names
+    return cells_from_scratch("03_full_sngr")
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import joblib
 import numpy as np
 import pandas as pd
 import pytest
-from helpers import handed_on, read_notebook, signatures
+from helpers import cells_from_scratch, handed_on, signatures
 
 from sngr_utils import multimodal
 from sngr_utils.detection import mirror_image
@@ -57,11 +57,7 @@ def test_landmarks_of_two_poses_have_two_places_and_of_eight_one(landmarks):
 @pytest.fixture(scope="module")
 def from_scratch():
     """What the notebook's cell tagged "from-scratch" defines."""
-    names = {"np": np}
-    for cell in read_notebook("09_multimodal").cells:
-        if "from-scratch" in cell.metadata.get("tags", []):
-            exec(cell.source, names)
-    return names
+    return cells_from_scratch("09_multimodal")
 
 
 @pytest.mark.parametrize("n", [2, 3, 5, 8])

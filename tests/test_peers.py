@@ -1,7 +1,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from helpers import handed_on, read_notebook
+from helpers import cells_from_scratch, handed_on
 
 from sngr_utils import paths, peers
 from sngr_utils.experiments import estimators, one_range
@@ -56,11 +56,7 @@ def test_the_square_settles_where_no_range_is_and_the_others_among_most():
 @pytest.fixture(scope="module")
 def from_scratch():
     """What the notebook's cell tagged "from-scratch" defines."""
-    names = {"np": np}
-    for cell in read_notebook("07_peers").cells:
-        if "from-scratch" in cell.metadata.get("tags", []):
-            exec(cell.source, names)
-    return names
+    return cells_from_scratch("07_peers")
 
 
 @pytest.mark.parametrize("method", ["cauchy", "gnc_tls"])

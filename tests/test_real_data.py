@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
-from helpers import read_notebook
+from helpers import cells_from_scratch
 
 from sngr_utils import real_data
 from sngr_utils.experiments import real_online, real_peers, real_stretch
@@ -27,11 +27,7 @@ LABELLED = OURS[OURS["kind"] == "labels"]
 @pytest.fixture(scope="module")
 def lesson():
     """What the cells that are tagged "from-scratch" define."""
-    names = {"np": np}
-    for cell in read_notebook("10_real_data").cells:
-        if "from-scratch" in cell.metadata.get("tags", []):
-            exec(cell.source, names)
-    return names
+    return cells_from_scratch("10_real_data")
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from helpers import read_notebook
+from helpers import cells_from_scratch
 from scipy import integrate
 
 from sngr_utils import paths, start_here
@@ -20,12 +20,8 @@ ORDER = ["x0", "x1", "l1", "x4", "x3", "l2", "x2"]
 def lesson():
     """What the cells that are tagged "from-scratch" define, run in order with the parameters."""
     config = start_here.Config(grid_step=0.05)
-    names = {"np": np, "start_here": start_here, "config": config, "drive": config.draw()}
-    names |= config.model_dump()
-    for cell in read_notebook("00_start_here").cells:
-        if "from-scratch" in cell.metadata.get("tags", []):
-            exec(cell.source, names)
-    return names
+    made = {"start_here": start_here, "config": config, "drive": config.draw()}
+    return cells_from_scratch("00_start_here", **made, **config.model_dump())
 
 
 @pytest.fixture(scope="module")

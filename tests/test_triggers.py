@@ -5,7 +5,7 @@ import math
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from helpers import handed_on, read_notebook
+from helpers import cells_from_scratch, handed_on
 from scipy import stats
 
 from sngr_utils import paths, triggers
@@ -106,11 +106,7 @@ def test_figures_show_what_they_are_given(config, study):
 @pytest.fixture(scope="module")
 def from_scratch():
     """What the notebook's cells tagged "from-scratch" define."""
-    names = {"np": np, "math": math}
-    for cell in read_notebook("06_triggers").cells:
-        if "from-scratch" in cell.metadata.get("tags", []):
-            exec(cell.source, names)
-    return names
+    return cells_from_scratch("06_triggers", math=math)
 
 
 def test_leverage_from_scratch_is_the_librarys(from_scratch):

@@ -1,4 +1,5 @@
 import pandas as pd
+from helpers import handed_on
 
 from sngr_utils.publish import report
 from sngr_utils.show import style, worlds
@@ -27,7 +28,7 @@ def test_a_circle_for_each_world_and_four_numbers(tmp_path):
     assert sum(len(line.get_xdata()) for line in circles) == len(ROWS)
     to = report.Report("08_association_aware", tmp_path)
     worlds.record(ROWS, to)
-    found = {key: entry["value"] for key, entry in to._results["values"].items()}
+    found = {key: entry["value"] for key, entry in handed_on(to).items()}
     assert found == {
         "worlds.n": 3, "worlds.lost": 1, "worlds.lost_doubted": 1, "worlds.others_doubted": 1,
     }  # fmt: skip

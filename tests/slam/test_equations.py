@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers import read_notebook
+from helpers import cells_from_scratch
 
 from sngr_utils.slam import equations
 from sngr_utils.slam.conventions import PRESETS
@@ -14,11 +14,7 @@ from sngr_utils.world.scenario import Scenario
 @pytest.fixture(scope="module")
 def from_scratch():
     """What the notebook's cells tagged "from-scratch" define."""
-    names = {"np": np}
-    for cell in read_notebook("02_trigger_sweep").cells:
-        if "from-scratch" in cell.metadata.get("tags", []):
-            exec(cell.source, names)
-    return names
+    return cells_from_scratch("02_trigger_sweep")
 
 
 def test_rotations_give_the_r_of_numpy_and_the_least_squares_solution(from_scratch):
