@@ -153,14 +153,15 @@ def write_latex() -> None:
         clocks = paths.RESULTS / f"{name}.timings.json"
         if clocks.exists():
             timings.append(read_json(clocks))
-    judged = verdict_tables.judged(results_in(paths.RESULTS))
+    merged = results_in(paths.RESULTS)
+    judged = verdict_tables.judged(merged)
     files = latex.latex([*results, verdict_tables.result(judged)], timings)
     files["sources.tex"] = links.latex()
     files["claims_full.tex"] = verdict_tables.whole(judged.read)
     folder = paths.PAPER / "generated"
     folder.mkdir(exist_ok=True)
     clocks = {key for timing in timings for key in entries(timing)}
-    files["appendix.tex"] = appendix.latex_text(judged.read, results_in(paths.RESULTS), clocks)
+    files["appendix.tex"] = appendix.latex_text(judged.read, merged, clocks)
     for old in folder.glob("tab_*.tex"):
         if old.name not in files:
             old.unlink()  # a table that no notebook makes any more
