@@ -13,7 +13,7 @@ import numpy as np
 
 from sngr_utils.files import formats, tum
 from sngr_utils.files.recording import Recording, named
-from sngr_utils.metrics.alignment import aligned_errors, rigid
+from sngr_utils.metrics.alignment import aligned_rmse, rigid
 from sngr_utils.robust import growing_map
 from sngr_utils.robust.growing_map import GrownMap
 from sngr_utils.slam.noise_estimation import RANGE, SOURCES
@@ -108,8 +108,8 @@ def summary(recording: Recording, grown: GrownMap) -> list[str]:
     )
     truth = recording.truth
     if truth is not None and truth.poses is not None:
-        apart = aligned_errors(soft.poses[:, :2], truth.poses[:, :2])
-        lines.append(f"aligned RMSE against the truth {np.sqrt((apart**2).sum(1).mean()):.3f} m")
+        rmse = aligned_rmse(soft.poses[:, :2], truth.poses[:, :2])
+        lines.append(f"aligned RMSE against the truth {rmse:.3f} m")
     lines += [f"IT MAY BE WRONG: {_in_names(doubt, recording)}" for doubt in grown.doubts]
     return lines + ["nothing speaks against it"] * (not grown.doubts)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from sngr_utils.files import formats, plaza
 from sngr_utils.files.recording import Recording
-from sngr_utils.metrics.alignment import aligned_errors, rigid
+from sngr_utils.metrics.alignment import aligned_errors, aligned_rmse, rigid
 from sngr_utils.metrics.rmse_and_nees import nees
 from sngr_utils.robust import growing_map, losses
 from sngr_utils.robust.association import NEGLIGIBLE
@@ -22,6 +22,7 @@ from sngr_utils.world.truth import Truth
 from sngr_utils.world.wrong_associations import wrong_associations
 
 SETS = ("Plaza2", "Plaza1")
+OTHER = dict(zip(SETS, reversed(SETS), strict=True))  # the same radios on another day
 BATCH = ("least_squares", "huber", "cauchy")
 FAR = 5.0  # m, a held-out error that is told apart
 CLUTTER, STRETCHED = 0.6, 1.2  # provoked: share of ranges from nothing, factor on all ranges
@@ -110,9 +111,10 @@ def _batch(log: Log) -> list[tuple[str, np.ndarray]]:
 def _path_errors(log: Log, truth: Truth, poses: np.ndarray) -> dict:
     """Aligned RMSE over the poses that have ranges, and over all, [m]."""
     heard = np.unique(log.pose_of)
-    errors = aligned_errors(poses[heard, :2], truth.poses[heard, :2])
-    everywhere = aligned_errors(poses[:, :2], truth.poses[:, :2])
-    return {"rmse": _root_mean_square(errors), "rmse_everywhere": _root_mean_square(everywhere)}
+    return {
+        "rmse": aligned_rmse(poses[heard, :2], truth.poses[heard, :2]),
+        "rmse_everywhere": aligned_rmse(poses[:, :2], truth.poses[:, :2]),
+    }
 
 
 def judged(grown: GrownMap, log: Log, truth: Truth, named: bool) -> dict:
@@ -170,10 +172,6 @@ def _renamed(credited: np.ndarray, sources: np.ndarray, n_landmarks: int) -> np.
     return np.array(best)[credited]
 
 
-def _root_mean_square(errors: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
-
-
 def run_goats(number: int) -> list[dict]:
     """A GOATS set, judged by every tenth range, which the estimate does not see.
 
@@ -191,10 +189,10 @@ def run_goats(number: int) -> list[dict]:
     reached = soft.landmarks[asked.label_of] - soft.poses[asked.pose_of, :2]
     expected = soft.calibration[0] * np.linalg.norm(reached, axis=1) + soft.calibration[1]
     errors = np.abs(asked.ranges - expected)
-    beacons = aligned_errors(soft.landmarks, recording.truth.landmarks)
+    beacons = aligned_rmse(soft.landmarks, recording.truth.landmarks)
     return [{
         "set": f"goats_{number}", "held_out": int(held.sum()),
         "median": float(np.median(errors)), "ninth_decile": float(np.quantile(errors, 0.9)),
         "far": float(np.mean(errors > FAR)),
-        "beacons_rmse": _root_mean_square(beacons), "clutter": soft.shares.clutter,
+        "beacons_rmse": beacons, "clutter": soft.shares.clutter,
     }]  # fmt: skip

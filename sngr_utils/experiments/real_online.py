@@ -13,13 +13,13 @@ import numpy as np
 
 from sngr_utils.experiments import real_data
 from sngr_utils.files import plaza
-from sngr_utils.metrics.alignment import aligned_errors
+from sngr_utils.metrics.alignment import aligned_rmse
 from sngr_utils.online import estimator
 from sngr_utils.online.diagnosis import DoubtWarning
 from sngr_utils.robust import growing_map
 from sngr_utils.settings import READING
 from sngr_utils.slam.conventions import PRESETS
-from sngr_utils.slam.noise_estimation import SOURCES, shapes
+from sngr_utils.slam.noise_estimation import step_covariances
 from sngr_utils.world.log import Log
 from sngr_utils.world.truth import Truth
 
@@ -55,10 +55,12 @@ def run(name: str, kind: str, p: float, seed: int, variant: str) -> list[dict]:
     kind, p, seed : of what is changed, as for `real_data.run_plaza`
     variant : one of `VARIANTS`
     """
-    other = next(one for one in real_data.SETS if one != name)
     rng = np.random.default_rng(seed)
     log, truth = real_data.changed(plaza.read(plaza.wheel(name)), kind, p, rng=rng)
-    log, settings = calibrated(log, found_in(other)), estimator.Settings(**VARIANTS[variant])
+    log, settings = (
+        calibrated(log, found_in(real_data.OTHER[name])),
+        estimator.Settings(**VARIANTS[variant]),
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoubtWarning)  # kept as a column
         found = estimator.run(log, PRESETS[READING], settings, rng=rng)
@@ -89,8 +91,7 @@ def calibrated(log: Log, found: dict[str, float]) -> Log:
         offset=(0.0, 0.0),
     )
     noise = growing_map.estimate(log.first(WARM_UP)).noise.sigmas
-    variances = np.array([noise[name] for name in SOURCES]) ** 2
-    return log.with_covariances(np.einsum("c,ctij->tij", variances, shapes(log.odometry)))
+    return log.with_covariances(step_covariances(noise, log.odometry))
 
 
 def judged(found: estimator.OnlineEstimate, truth: Truth) -> dict:
@@ -98,7 +99,7 @@ def judged(found: estimator.OnlineEstimate, truth: Truth) -> dict:
     n, used = len(found.poses), found.used >= 0
     right = used & (found.used == truth.source_of[: len(used)])
     errors = {
-        name: float(np.sqrt((aligned_errors(poses[:, :2], truth.poses[:n, :2]) ** 2).sum(1).mean()))
+        name: aligned_rmse(poses[:, :2], truth.poses[:n, :2])
         for name, poses in (
             ("final", found.poses), ("graph", found.graph_poses), ("filtered", found.filtered),
         )

@@ -16,7 +16,7 @@ from gtsam.symbol_shorthand import L, X
 
 from sngr_utils.experiments import estimators, real_data, real_online
 from sngr_utils.files import plaza
-from sngr_utils.metrics.alignment import aligned_errors
+from sngr_utils.metrics.alignment import aligned_rmse
 from sngr_utils.robust import losses
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.factors import landmark_prior, pose_prior, range_factor
@@ -42,17 +42,15 @@ def cells(seeds: range) -> list[tuple]:
 
 def run(name: str, p: float, seed: int) -> list[dict]:
     """Every peer on a Plaza set, labels wrong with probability p."""
-    other = next(one for one in real_data.SETS if one != name)
     rng = np.random.default_rng(seed)
     log, truth = real_data.changed(plaza.read(plaza.wheel(name)), "labels", p, rng=rng)
-    log = real_online.calibrated(log, real_online.found_in(other))
+    log = real_online.calibrated(log, real_online.found_in(real_data.OTHER[name]))
     poses = dead_reckoning(log.x0_mean, log.odometry)
     start = poses, start_landmarks(log, poses, "grid")
     rows = []
     for method, solve in peers().items():
         found = solve(log, start)
-        errors = aligned_errors(found[:, :2], truth.poses[:, :2])
-        rmse = float(np.sqrt(np.sum(errors**2, axis=1).mean()))
+        rmse = aligned_rmse(found[:, :2], truth.poses[:, :2])
         rows.append({
             "set": name, "p": p, "seed": seed, "method": method,
             "rmse": rmse if rmse < DIVERGED else float("nan"),

@@ -16,7 +16,7 @@ from sngr_utils.robust import losses
 from sngr_utils.settings import READING
 from sngr_utils.slam.conventions import PRESETS, Conventions
 from sngr_utils.slam.landmark_starts import start_landmarks
-from sngr_utils.slam.noise_estimation import SOURCES, shapes
+from sngr_utils.slam.noise_estimation import SOURCES, step_covariances
 from sngr_utils.world.dead_reckoning import dead_reckoning, dead_reckoning_variances
 from sngr_utils.world.log import Log
 
@@ -62,8 +62,7 @@ def drive(log: Log, *, rng: np.random.Generator) -> tuple[estimator.OnlineEstima
 
 def with_noise(log: Log, found: Mapping[str, float]) -> Log:
     """A log with range_sigma and the sigmas of odometry of a row of `real_data.run_plaza`."""
-    variances = np.array([found[name.replace(" ", "_")] for name in SOURCES]) ** 2
-    told = np.einsum("c,ctij->tij", variances, shapes(log.odometry))
+    told = step_covariances({name: found[name.replace(" ", "_")] for name in SOURCES}, log.odometry)
     return replace(log, range_sigmas=found["range_sigma"], odometry_covariances=told)
 
 

@@ -19,3 +19,8 @@ def aligned_errors(estimate: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """(N, 2) errors of positions after their rigid alignment, in the frame of the truth, [m]."""
     rotation, shift = rigid(estimate, truth)
     return estimate @ rotation.T + shift - truth
+
+
+def aligned_rmse(estimate: np.ndarray, truth: np.ndarray) -> float:
+    """Root mean square of `aligned_errors` of N positions, [m]."""
+    return float(np.sqrt(np.mean(np.sum(aligned_errors(estimate, truth) ** 2, axis=1))))

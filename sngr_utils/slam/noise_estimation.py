@@ -5,6 +5,7 @@ second order about the estimate. A sigma is right where the squared residuals th
 leaves, and the spread it leaves open, add up to what the sigma says.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -138,6 +139,12 @@ def shapes(odometry: np.ndarray) -> np.ndarray:
     return np.array([
         metres * position, one * position, metres * swept, turned * swept, one * heading,
     ])  # fmt: skip
+
+
+def step_covariances(sigmas: Mapping[str, float], odometry: np.ndarray) -> np.ndarray:
+    """(T-1, 3, 3) of the steps, from the sigma of each of `SOURCES`."""
+    variances = np.array([sigmas[name] for name in SOURCES]) ** 2
+    return np.einsum("c,ctij->tij", variances, shapes(odometry))
 
 
 class Likelihood:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sngr_utils.metrics.alignment import aligned_errors
+from sngr_utils.metrics.alignment import aligned_rmse
 from sngr_utils.robust import growing_map
 from sngr_utils.world.dead_reckoning import dead_reckoning
 from sngr_utils.world.log import NO_LABEL
@@ -27,7 +27,7 @@ def right():
 
 
 def rmse(poses, world):
-    return np.sqrt(np.mean(np.sum(aligned_errors(poses[:, :2], world.poses[:, :2]) ** 2, axis=1)))
+    return aligned_rmse(poses[:, :2], world.poses[:, :2])
 
 
 def test_a_map_of_right_labels_has_no_doubts_and_beats_dead_reckoning(right):
