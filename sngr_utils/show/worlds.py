@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from sngr_utils.experiments.estimators import LOST
+from sngr_utils.experiments.every_world import LOST, PEERS
 from sngr_utils.publish import report
 from sngr_utils.publish.cells import cell, number
-from sngr_utils.show import style
+from sngr_utils.show import methods, style
 
 
 def cases(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
@@ -31,10 +31,12 @@ def table(rows: pd.DataFrame) -> pd.DataFrame:
             number(group["nees"].mean()), number(group["oracle_nees"].mean()),
             cell("{:d} of {:d}", lost.sum(), len(group)),
             cell("{:d}, {:d}", (lost & doubted).sum(), (~lost & doubted).sum()),
+            *(number(group[peer].mean()) for peer in PEERS),
         ])  # fmt: skip
     heads = [
         "worlds", "final, median", "mean", "worst", "newest pose, median", "mean ", "known",
         "landmarks, median", "NEES", "NEES oracle", "lost", "doubted: lost, others",
+        *(f"{methods.shown(peer)}, mean" for peer in PEERS),
     ]  # fmt: skip
     return pd.DataFrame(lines, columns=heads)
 

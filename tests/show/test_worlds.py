@@ -8,7 +8,8 @@ ROWS = pd.DataFrame({
     "kind": ["circle", "circle", "slip"], "preset": ["C", "C", "A"], "p": [0.3, 0.3, 0.0],
     "final": [1.0, 1.2, 2.0], "filtered": [1.0, 1.1, 3.0], "known": [1.0, 1.0, 0.5],
     "landmark_ratio": [1.0, 1.0, 2.0], "nees": [2.0, 2.0, 9.0], "oracle_nees": [2.0, 2.0, 2.0],
-    "doubtful": [0, 1, 1],
+    "doubtful": [0, 1, 1], "cauchy": [1.1, 1.3, 9.0], "gnc_tls": [1.0, 1.2, 9.0],
+    "em_exclusive": [1.0, 1.1, 8.0],
 })  # fmt: skip
 
 
@@ -18,6 +19,7 @@ def test_a_row_for_each_kind_says_how_many_are_lost_and_doubted():
     assert [str(cell) for cell in table["lost"]] == ["0 of 2", "1 of 1"]
     assert [str(cell) for cell in table["doubted: lost, others"]] == ["0, 1", "1, 0"]
     assert str(table["final, median"][0]) == "1.10"
+    assert [str(cell) for cell in table["Cauchy, mean"]] == ["1.20", "9.00"]
 
 
 def test_a_circle_for_each_world_and_four_numbers(tmp_path):
