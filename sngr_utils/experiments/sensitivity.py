@@ -1,28 +1,44 @@
 """The online estimator with one of its constants at half and at twice its value."""
 
+import importlib
+import inspect
+import pkgutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib import import_module
+from types import ModuleType
 
+from sngr_utils import online
 from sngr_utils.experiments import every_world
 
-ONLINE = "sngr_utils.online"
-CONSTANTS = [  # module and name
-    ("belief", "WINDOW"), ("belief", "LOOSE"), ("data_association", "GATE"),
-    ("data_association", "VAGUE"), ("data_association", "IMPOSSIBLE"), ("estimator", "PATIENCE"),
-    ("estimator", "MOST_LOST"), ("estimator", "BETTER"), ("landmarks", "LONG"),
-    ("landmarks", "DECIDED"), ("landmarks", "LIKELY"), ("landmarks", "FEWEST_USED"),
-    ("landmarks", "YOUNG"), ("localisation", "START_APART"), ("slips", "SLIP_ODDS"),
-    ("slips", "FAR"), ("slips", "RECENT"), ("slips", "STEP_LIMIT"),
-]  # fmt: skip
 FACTORS = (0.5, 2.0)
-KINDS = (("circle", 0.3), ("reach 4 m", 0.3), ("slip 5 m", 0.3))
+KINDS = (("circle", 0.3), ("reach 5 m", 0.3), ("slip 5 m", 0.3))
+PROBABILITIES = ("RESOLVED", "ENOUGH_MASS", "LIKELY", "FEWEST_USED")  # half or twice the odds
+FIXED = ("DROPPED", "MEDIAN")  # a name for no landmark, and what a distribution is
+
+
+def constants() -> list[tuple[str, str]]:
+    """Module and name of every number that a module of the online estimator sets."""
+    found = []
+    for name, module in _modules().items():
+        source = inspect.getsource(module)
+        own = {line.split(" = ")[0] for line in source.splitlines() if " = " in line}
+        found += [
+            (name, constant) for constant, value in vars(module).items()
+            if constant in own and constant.isupper() and constant not in FIXED
+            and isinstance(value, (int, float))
+        ]  # fmt: skip
+    return found
+
+
+def _modules() -> dict[str, ModuleType]:
+    names = [info.name for info in pkgutil.iter_modules(online.__path__)]
+    return {name: importlib.import_module(f"{online.__name__}.{name}") for name in names}
 
 
 def cells(seeds: range) -> list[tuple]:
     """Arguments of `rows`: every constant at every factor, and all as they are."""
     changes = [("", "", 1.0)]
-    changes += [(*name, factor) for name in CONSTANTS for factor in FACTORS]
+    changes += [(*name, factor) for name in constants() for factor in FACTORS]
     return [(*change, *kind, seed) for change in changes for kind in KINDS for seed in seeds]
 
 
@@ -40,13 +56,21 @@ def _changed(module: str, name: str, factor: float) -> Iterator[None]:
     if not module:
         yield
         return
-    modules = [import_module(f"{ONLINE}.{other}") for other in {first for first, _ in CONSTANTS}]
-    value = getattr(import_module(f"{ONLINE}.{module}"), name)
-    users = [one for one in modules if getattr(one, name, None) is value]
+    modules = _modules()
+    value = getattr(modules[module], name)
+    users = [one for one in modules.values() if getattr(one, name, None) is value]
     for one in users:
-        setattr(one, name, type(value)(value * factor))
+        setattr(one, name, scaled(name, value, factor))
     try:
         yield
     finally:
         for one in users:
             setattr(one, name, value)
+
+
+def scaled(name: str, value: float, factor: float) -> float:
+    """A constant times a factor, whole if it was whole; of a probability, its odds."""
+    if name in PROBABILITIES:
+        odds = factor * value / (1 - value)
+        return odds / (1 + odds)
+    return type(value)(max(value * factor, 1) if isinstance(value, int) else value * factor)

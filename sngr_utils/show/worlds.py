@@ -41,6 +41,20 @@ def table(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(lines, columns=heads)
 
 
+def sensitivity_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Worst final error over the oracle's with each constant halved and doubled, by kind."""
+    lines = []
+    kinds = list(dict.fromkeys(rows["kind"]))
+    for constant, group in rows.groupby("constant", sort=False):
+        worst = group.groupby(["factor", "kind"])["final"].max()
+        line = [constant or "none changed"]
+        for factor in (0.5, 2.0):
+            line += [number(worst[factor if constant else 1.0, kind]) for kind in kinds]
+        lines.append(line)
+    heads = [f"{name}, {kind}" for name in ("half", "twice") for kind in kinds]
+    return pd.DataFrame(lines, columns=["constant", *heads])
+
+
 def draw(ax: Axes, rows: pd.DataFrame) -> None:
     """A circle per world at the ratio of its final estimate to the oracle's, filled if doubted."""
     named = cases(rows)

@@ -34,3 +34,14 @@ def test_a_circle_for_each_world_and_four_numbers(tmp_path):
     assert found == {
         "worlds.n": 3, "worlds.lost": 1, "worlds.lost_doubted": 1, "worlds.others_doubted": 1,
     }  # fmt: skip
+
+
+def test_a_row_for_each_constant_has_the_worst_of_its_worlds():
+    rows = pd.DataFrame({
+        "constant": ["", "a.B", "a.B", "a.B"], "factor": [1.0, 0.5, 0.5, 2.0],
+        "kind": ["circle"] * 4, "final": [1.0, 1.1, 1.4, 0.9],
+    })  # fmt: skip
+    table = worlds.sensitivity_table(rows)
+    assert list(table["constant"]) == ["none changed", "a.B"]
+    assert [str(cell) for cell in table["half, circle"]] == ["1.00", "1.40"]
+    assert [str(cell) for cell in table["twice, circle"]] == ["1.00", "0.90"]
