@@ -1,14 +1,14 @@
 """Sentences of notebook 06 about signs and orders, on stored results and on the worlds shown."""
 
 import pytest
+import stored_results
+from stored_results import value
 
-from sngr_utils import paths, triggers
+from sngr_utils import triggers
 from sngr_utils.experiments.detector_scores import Case, run
-from sngr_utils.publish.results import results_in
 from sngr_utils.slam.conventions import PRESETS
 from sngr_utils.sngr import failure
 
-RESULTS = results_in(paths.REFERENCE)
 SURPRISE = 1.301  # -log10 of 0.05
 
 SCENARIOS = ("paper", "3 m", "10 m", "4 landmarks", "10 landmarks", "0.05 m", "0.3 m", "100 poses")
@@ -20,14 +20,8 @@ SINGLE = range(2, 8)  # columns of the levels of p, then of the bursts
 P, POOLED = (2, 3, 4, 5), 8
 
 
-def value(key):
-    return RESULTS[key]["value"]
-
-
-def entry(table, row, column, part=1):
-    """A number of a recorded table; rows, columns and parts of a cell count from one."""
-    key = f"tab_triggers_{table}.row{row}.column{column}"
-    return value(key if part == 1 else f"{key}.{part}")
+def entry(table, *at):
+    return stored_results.entry(f"triggers_{table}", *at)
 
 
 def level(score, scenario, part=1):
