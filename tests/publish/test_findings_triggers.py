@@ -1,5 +1,6 @@
 """Sentences of notebook 06 about signs and orders, on stored results and on the worlds shown."""
 
+import numpy as np
 import pytest
 import stored_results
 from stored_results import value
@@ -66,6 +67,21 @@ def test_settling_mends_the_small_circle_and_not_the_many_poses():
     """Rows of `null`: B and C with 3 m, B and C with 100 poses."""
     assert entry("null", 2, 4) < 0.6 * entry("null", 2, 3)
     assert entry("null", 4, 4) > 0.9 * entry("null", 4, 3)
+
+
+def test_p_values_are_flat_with_leverage_and_small_ones_are_rare_without():
+    """The windows of the figure of the law, 26 of each of 30 worlds, and what its text says."""
+    config = triggers.Config()
+    last = config.first_seed + config.n_seeds
+    seeds = range(last, last + config.n_calibration)
+    rows = run([Case("paper", 0.0)], config.scenario, PRESETS["C"], seeds, 1)
+    flat, ignored = 10.0 ** -rows["chi_square_robust"], 10.0 ** -rows["naive"]
+    by_world = flat.groupby(rows["seed"]).mean()
+    assert abs(by_world.mean() - 0.5) < 2 * by_world.sem() < 0.05
+    assert np.abs(np.histogram(flat, 10, (0, 1))[0] / len(flat) - 0.1).max() < 0.025
+    assert 0.04 < (flat < 0.05).mean() < 0.06
+    assert (ignored < 0.05).mean() < 0.02
+    assert (ignored > 0.9).mean() > 0.25
 
 
 @pytest.mark.parametrize("column", [*SINGLE, POOLED])
