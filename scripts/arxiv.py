@@ -1,7 +1,7 @@
 """Write build/arxiv.tar.gz: all that the typeset documents read, and typeset it alone.
 
-After `make pdf`, whose recorder files say what was read. Documents are the files of paper/ with a
-\\documentclass; they lie at the root of the tarball, with their bibliographies made.
+After `make pdf`, whose recorder files say what was read. The documents lie at the root of the
+tarball, with their bibliographies made.
 """
 
 import os
@@ -14,6 +14,8 @@ from pathlib import Path
 
 import packed
 
+from sngr_utils.publish import links
+
 ROOT = Path(__file__).resolve().parents[1]
 PAPER, TYPESET = ROOT / "paper", ROOT / "build/paper"
 TARBALL = ROOT / "build/arxiv.tar.gz"
@@ -23,7 +25,7 @@ UNDEFINED = re.compile(r"(Reference|Citation) .* undefined|undefined references"
 
 def main() -> None:
     """Collect, pack, unpack elsewhere and typeset there."""
-    documents = [path.stem for path in sorted(PAPER.glob("*.tex")) if is_document(path)]
+    documents = [Path(file).stem for file in links.DOCUMENTS]
     files = {name: content for each in documents for name, content in read_by(each).items()}
     packed.write(files, TARBALL)
     with tempfile.TemporaryDirectory() as folder:
@@ -40,11 +42,6 @@ def main() -> None:
                 sys.exit(f"error: {document} of {TARBALL.name} is not what 'make pdf' has made")
             print(f"{document}: {pages(log)} pages, typeset from the tarball alone")
     print(f"{TARBALL.relative_to(ROOT)} is written: {len(files)} files")
-
-
-def is_document(path: Path) -> bool:
-    """Whether LaTeX starts at a file, which others are read by."""
-    return "\\documentclass" in path.read_text(encoding="utf-8")
 
 
 def read_by(document: str) -> dict[str, bytes]:

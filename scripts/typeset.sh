@@ -5,7 +5,7 @@ unset CDPATH
 cd "$(dirname "$0")/../paper"
 
 build=../build/paper
-documents="sngr supplement"
+documents=$(grep -l '^\\documentclass' -- *.tex | sed 's/\.tex$//')
 document=sngr
 export max_print_line=1000
 fail() {

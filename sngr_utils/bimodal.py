@@ -130,10 +130,8 @@ def upper_mass(results: Results, height: float) -> float:
     return float(results.importance_weights() @ (results.samples[:, 1] + height > 0))
 
 
-def resampled_mass_error(
-    run: WeightedSamples, height: float, n: int = 50, *, rng: np.random.Generator
-) -> float:
-    """Standard error of `upper_mass` by resampling the strands of one run.
+def resampled_mass_error(run: WeightedSamples, height: float, *, rng: np.random.Generator) -> float:
+    """Standard error of `upper_mass` by resampling the strands of one run 50 times.
 
     Too small here. A random walk starts at a live point and stays in its mode, so once the
     modes are apart their live points multiply and die out by chance, as genes drift in a
@@ -143,7 +141,7 @@ def resampled_mass_error(
     """
     from dynesty.utils import resample_run
 
-    masses = [upper_mass(resample_run(run.results, rstate=rng), height) for _ in range(n)]
+    masses = [upper_mass(resample_run(run.results, rstate=rng), height) for _ in range(50)]
     return float(np.std(masses, ddof=1))
 
 

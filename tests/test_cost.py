@@ -54,7 +54,10 @@ def test_three_ways_to_write_the_closure_agree(costs, tmp_path):
     assert closure.window_factors == 22
     to = report.Report("x", tmp_path)
     show.record(config, levels, closure, to)
-    handed_on(to)
+    loop = handed_on(to)["closure.loop_over_window"]
+    batches = closure.seconds_loop.mean() / closure.seconds_window
+    assert loop["value"] == closure.seconds_loop.mean() / closure.seconds_window.mean()
+    assert 0 < loop["standard_error"] < np.ptp(batches)
     presets = cost.run_presets(config, levels)
     assert presets["C"] is levels
     table = show.cost_table(presets)

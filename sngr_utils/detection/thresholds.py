@@ -33,15 +33,15 @@ def surprise(scores: np.ndarray, clean: np.ndarray) -> np.ndarray:
     return -np.log10((1 + above) / (len(clean) + 1))
 
 
-def quantile_interval(clean: np.ndarray, alpha: float, level: float = 0.95) -> tuple[float, float]:
-    """Interval for the (1 - alpha) quantile from the order statistics of n independent scores.
+def quantile_interval(clean: np.ndarray, alpha: float) -> tuple[float, float]:
+    """95 % interval for the (1 - alpha) quantile from the order statistics of n independent scores.
 
-    Covers with at least `level`, whatever the law; an end is infinite where n scores cannot say.
+    Covers with at least 95 %, whatever the law; an end is infinite where n scores cannot say.
     Scores of overlapping windows of one world are not independent, and it is then too narrow.
 
     Source: David & Nagaraja, Order Statistics, 2003, section 7.1.
     """
-    found = stats.quantile_test(_checked(clean, alpha), p=1 - alpha).confidence_interval(level)
+    found = stats.quantile_test(_checked(clean, alpha), p=1 - alpha).confidence_interval(0.95)
     low = -np.inf if np.isnan(found.low) else float(found.low)
     return low, np.inf if np.isnan(found.high) else float(found.high)
 

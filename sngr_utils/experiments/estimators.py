@@ -282,12 +282,12 @@ def relative_to_oracle(runs: pd.DataFrame) -> pd.DataFrame:
     ).rename(columns={"oracle_pose_rmse": "oracle_rmse"})
 
 
-def paired(runs: pd.DataFrame, a: str, b: str, start: str = REFERENCE_START) -> pd.DataFrame:
+def paired(runs: pd.DataFrame, a: str, b: str) -> pd.DataFrame:
     """Pose RMSE of method `a` less that of `b` on the same worlds, per p: median, interval, test.
 
     See `summaries.paired_difference`.
     """
-    chosen = runs[runs["start"].isin([start, "none"])]
+    chosen = runs[runs["start"].isin([REFERENCE_START, "none"])]
     return summaries.paired_difference(
         chosen.rename(columns={"method": "preset"}), "pose_rmse", a, b
     )

@@ -71,7 +71,7 @@ def ess_shares(
 
 
 def evidence_check(
-    settled: Sequence[Settled], walks: int, scale: float = PRIOR_SCALE, *, rng: np.random.Generator
+    settled: Sequence[Settled], walks: int, *, rng: np.random.Generator
 ) -> pd.DataFrame:
     """Nested sampling of the corrected target against importance sampling, window by window.
 
@@ -82,11 +82,11 @@ def evidence_check(
     one row per window: difference (nested less importance, [nats]), error (of both together),
     in_errors (their ratio), sd_ratio (nested over importance, geometric mean)
     """
-    rows, settings = [], SamplerSettings(n_live=100, min_walks=walks, prior_scale=scale)
+    rows, settings = [], SamplerSettings(n_live=100, min_walks=walks, prior_scale=PRIOR_SCALE)
     for one in settled:
         if one.run is None:
             continue
-        factors = one.target.corrected(scale)
+        factors = one.target.corrected(PRIOR_SCALE)
         run = engines.sample_factors(factors, one.target.covariance, settings, "nested", rng=rng)
         error = np.hypot(run.log_evidence_error, one.run.log_evidence_error)
         difference = run.log_evidence - one.run.log_evidence

@@ -21,6 +21,8 @@ from sngr_utils.sngr import closure, refine, window_posterior, windows
 from sngr_utils.sngr.baseline import Baseline
 
 PRIOR_SCALE = 4.0  # of the prior about a settled window, which is divided out again
+MORE = (0, 1, 5, 10, 50)  # updates of iSAM2 after the last one
+DRAWS = 20_000
 # name -> factor on GTSAM's error(), is the prior divided out?
 READINGS = {
     "paper": (0.5, False),
@@ -118,24 +120,24 @@ def attainable_gain(solution: Solution, t: int, factor: float = 1.0) -> float:
     return float(reached - compiled.log_likelihood(factors, np.zeros(9)))
 
 
-def gains(
-    base: Baseline, updates: Sequence[int] = (0, 1, 5, 10, 50), factor: float = 1.0
-) -> pd.DataFrame:
+def gains(base: Baseline) -> pd.DataFrame:
     """Flaw 4: what windows could gain at the iSAM2 estimate, after more updates, after batch.
+
+    With the paper's factor 1/2 on the sum of GTSAM's error().
 
     Returns
     -------
     one row per window and base: base (number of extra updates as text, or "batch"), gain
     [nats], fires (at tau 3.9 in the usual estimate), error (of the whole graph, [nats])
     """
-    settled = {str(n): levenberg_marquardt.converge(base.solution, "updates", n) for n in updates}
+    settled = {str(n): levenberg_marquardt.converge(base.solution, "updates", n) for n in MORE}
     settled["batch"] = levenberg_marquardt.converge(base.solution)
     fires, rows = base.fired(3.9), []
     for name, solution in settled.items():
         error = solution.graph.error(solution.estimate)
         rows += [
             {"base": name, "window": t, "fires": bool(fires[t]), "error": error,
-             "gain": attainable_gain(solution, t, factor)}
+             "gain": attainable_gain(solution, t, 0.5)}
             for t in range(len(base.covariances))
         ]  # fmt: skip
     return pd.DataFrame(rows)
@@ -163,37 +165,31 @@ class Settled:
 
 def settled_targets(
     solution: Solution, pieces: list[window_posterior.Piece], covariances: np.ndarray,
-    which: Sequence[int], separators: str, draws: int = 20_000, scale: float = PRIOR_SCALE, *,
-    rng: np.random.Generator,
+    which: Sequence[int], separators: str, *, rng: np.random.Generator,
 ) -> list[Settled]:  # fmt: skip
-    """The targets of some windows and their samples.
+    """The targets of some windows and their samples, from a Student t about the Laplace Gaussian.
 
     Parameters
     ----------
     pieces : of `window_posterior.expand`, the same for both treatments of separators
     covariances : (N, 9, 9) Sigma_w
     separators : "conditional" or "marginal", see `corrected.Corrected`
-    draws : from a Student t about the Laplace Gaussian
     """
     found = []
     for t in which:
         aim = window_posterior.target(solution, t, covariances[t], separators, pieces)
-        cholesky = np.linalg.cholesky(scale * aim.covariance)
-        factors = aim.corrected(scale)
+        cholesky = np.linalg.cholesky(PRIOR_SCALE * aim.covariance)
+        factors = aim.corrected(PRIOR_SCALE)
         one = laplace.laplace_approximation(factors, cholesky, np.zeros(len(cholesky)))
-        run = one and laplace.sample_about(one, factors, cholesky, draws, rng=rng)
+        run = one and laplace.sample_about(one, factors, cholesky, DRAWS, rng=rng)
         found.append(Settled(int(t), aim, cholesky, one, run))
     return found
 
 
-def gaussianity(
-    settled: Sequence[Settled], scale: float = PRIOR_SCALE, *, rng: np.random.Generator
-) -> pd.DataFrame:
+def gaussianity(settled: Sequence[Settled], *, rng: np.random.Generator) -> pd.DataFrame:
     """Flaw 5: Laplace evidence of a window's posterior against importance sampling.
 
-    Parameters
-    ----------
-    scale : of the prior that is divided out; 32 starts drawn from it look for modes
+    Starts drawn from the prior that is divided out look for modes.
 
     Returns
     -------
@@ -204,7 +200,9 @@ def gaussianity(
     rows = []
     for one in settled:
         run, sound = one.run, one.run is not None
-        many = importance.sample(one.target.corrected(scale), one.cholesky, FastSettings(), rng=rng)
+        many = importance.sample(
+            one.target.corrected(PRIOR_SCALE), one.cholesky, FastSettings(), rng=rng
+        )
         rows.append({
             "window": one.window,
             "dimension": len(one.cholesky),

@@ -3,7 +3,8 @@
 import ast
 import json
 import re
-from dataclasses import dataclass
+import symtable
+from dataclasses import dataclass, replace
 
 from sngr_utils import paths
 from sngr_utils.publish.files import read_json
@@ -23,6 +24,7 @@ class Cell:
     ----------
     number : as "In [7]" shows it: its place among the code cells, from 1
     line : where its source begins in the file
+    at : which of its lines hands something on, from 0
     """
 
     notebook: str
@@ -30,6 +32,7 @@ class Cell:
     line: int
     source: str
     tags: tuple[str, ...]
+    at: int = 0
 
 
 def code_cells(notebook: str) -> list[Cell]:
@@ -78,17 +81,47 @@ def _tables_like(notebook: str, name: ast.JoinedStr) -> list[str]:
     return [each for each in known if re.fullmatch("".join(parts), each)]
 
 
-def recording(notebook: str) -> list[Cell]:
-    """The cells that hand on values by a call of a helper's ``record``."""
-    return list(
-        dict.fromkeys(c for c, call in _calls(notebook) if call.func.attr.startswith("record"))
+def recording(notebook: str, key: str) -> list[Cell]:
+    """The cells with the calls of a helper's ``record`` whose strings come nearest to a key."""
+    calls = [(c, call.func) for c, call in _calls(notebook) if call.func.attr.startswith("record")]
+    near = [_nearness(notebook, func.value.id, func.attr, key) for _, func in calls]
+    return [cell for (cell, _), n in zip(calls, near, strict=True) if n == max(near)]
+
+
+def _nearness(notebook: str, module: str, function: str, key: str) -> int:
+    """How many letters of a key the strings spell that a function, or what it calls, forms."""
+    imports = "\n".join(cell.source for cell in code_cells(notebook) if "import" in cell.source)
+    (path,) = (
+        paths.ROOT / node.module.replace(".", "/") / f"{name.name}.py"
+        for node in ast.walk(ast.parse(imports))
+        if isinstance(node, ast.ImportFrom)
+        for name in node.names
+        if module == (name.asname or name.name)
     )
+    body = ast.parse(path.read_text(encoding="utf-8")).body
+    known = {node.name: node for node in body if isinstance(node, ast.FunctionDef)}
+    spelt, wanted = 0, {function}
+    while wanted:
+        nodes = list(ast.walk(known.pop(wanted.pop())))
+        for parts in (_parts(node) for node in nodes):
+            if re.fullmatch(".+".join(map(re.escape, parts)), key):
+                spelt = max(spelt, len("".join(parts)))
+        wanted |= {node.id for node in nodes if isinstance(node, ast.Name)} & known.keys()
+    return spelt
+
+
+def _parts(node: ast.AST) -> list[str]:
+    """What a string says before, between and after the values that stand in it."""
+    if isinstance(node, ast.JoinedStr):
+        told = [part.value if isinstance(part, ast.Constant) else "\0" for part in node.values]
+        return "".join(told).split("\0")
+    return [node.value] if isinstance(node, ast.Constant) and isinstance(node.value, str) else []
 
 
 def _calls(notebook: str) -> list[tuple[Cell, ast.Call]]:
     """Every call of an attribute, ``something.name(...)``, with its cell."""
     return [
-        (cell, node)
+        (replace(cell, at=node.lineno - 1), node)
         for cell in code_cells(notebook)
         for node in ast.walk(ast.parse(cell.source))
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
@@ -96,22 +129,42 @@ def _calls(notebook: str) -> list[tuple[Cell, ast.Call]]:
 
 
 def made_in(cell: Cell) -> list[Cell]:
-    """The earlier cells that make what a cell uses, directly or not; the parameters apart."""
-    wanted, found = _names(cell)[0], []
+    """The earlier cells that make what a cell hands on, directly or not; the parameters apart."""
+    needed, found = _names(_behind(cell))[0], []
     for other in reversed(code_cells(cell.notebook)):
-        loaded, stored = _names(other)
-        if other.number < cell.number and stored & wanted and "parameters" not in other.tags:
+        needs, makes = _names(other.source)
+        if other.number < cell.number and makes & needed and "parameters" not in other.tags:
             found.append(other)
-            wanted |= loaded
+            needed |= needs
     return found[::-1]
 
 
-def _names(cell: Cell) -> tuple[set[str], set[str]]:
-    """Names that a cell reads, and those it sets for other cells."""
-    loaded, stored, local = set(), set(), set()
-    for node in ast.walk(ast.parse(cell.source)):
-        if isinstance(node, ast.comprehension):
-            local |= {name.id for name in ast.walk(node.target) if isinstance(name, ast.Name)}
-        if isinstance(node, ast.Name):
-            (loaded if isinstance(node.ctx, ast.Load) else stored).add(node.id)
-    return loaded - local, stored - local - HELD
+def _behind(cell: Cell) -> str:
+    """Of a cell, the statement that hands on, and those that make its names; for a figure all."""
+    if ".figure(" in cell.source.split("\n")[cell.at]:
+        return cell.source
+    body = [node for node in ast.parse(cell.source).body if node.lineno <= cell.at + 1]
+    behind = ast.unparse(body.pop())
+    for node in reversed(body):
+        if _names(ast.unparse(node))[1] & _names(behind)[0]:
+            behind = f"{ast.unparse(node)}\n{behind}"
+    return behind
+
+
+def _names(source: str) -> tuple[set[str], set[str]]:
+    """Names that a piece of code needs from what runs before it, and those it makes for others."""
+    needs, makes = set(), set()
+    for node in ast.parse(source).body:
+        table = symtable.symtable(ast.unparse(node), "cell", "exec")
+        read, inner = {s.get_name() for s in table.get_symbols() if s.is_referenced()}, [table]
+        while inner:
+            children = inner.pop().get_children()
+            inner += children
+            read |= {s.get_name() for each in children for s in each.get_symbols() if s.is_global()}
+        read |= {each.target.id for each in ast.walk(node) if isinstance(each, ast.AugAssign)
+                 and isinstance(each.target, ast.Name)}  # fmt: skip
+        if isinstance(node, ast.For):
+            makes |= {name.id for name in ast.walk(node.target) if isinstance(name, ast.Name)}
+        needs |= read - makes
+        makes |= {s.get_name() for s in table.get_symbols() if s.is_assigned()}
+    return needs, makes - HELD

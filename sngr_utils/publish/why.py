@@ -35,7 +35,7 @@ def _of_value(key: str) -> list[Line]:
         entry, where = _entry(notebook, key)
         if entry:
             direct = handed_on(notebook).get(("value", key))
-            cells = [direct] if direct else recording(notebook)
+            cells = [direct] if direct else recording(notebook, key)
             found = [*_number(entry), ("read from", where), *_cells(cells), *_made(notebook)]
             return [*found, *_places(rf"\\res\{{{re.escape(key)}\}}", key), *_claims(key)]
     return []
@@ -94,17 +94,14 @@ def _number(entry: dict) -> Iterator[Line]:
 def _cells(cells: list[Cell]) -> Iterator[Line]:
     """The cells that hand it on, and those before that make what they use."""
     for cell in cells:
-        lines = cell.source.split("\n")
-        handing = [i for i, line in enumerate(lines) if "paper" in line and ".save(" not in line]
-        recording = [i for i in handing if "show.record" in lines[i]]
-        yield "cell", _place(cell, (recording or handing or [0])[-1])
+        yield "cell", _place(cell)
         for earlier in made_in(cell):
-            yield "made in", _place(earlier, 0)
+            yield "made in", _place(earlier)
 
 
-def _place(cell: Cell, i: int) -> str:
-    text = cell.source.split("\n")[i]
-    return f"notebooks/{cell.notebook}.ipynb [{cell.number}], line {cell.line + i}: {text}"
+def _place(cell: Cell) -> str:
+    text = cell.source.split("\n")[cell.at]
+    return f"notebooks/{cell.notebook}.ipynb [{cell.number}], line {cell.line + cell.at}: {text}"
 
 
 def _made(notebook: str) -> Iterator[Line]:

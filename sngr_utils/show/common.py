@@ -20,21 +20,16 @@ def draw_intervals(
     series: dict[str, tuple[np.ndarray, ...]],
     printed: tuple[Sequence[float], Sequence[float]] | None,
     label: str,
-    log: bool = False,
 ) -> None:
     """Mean and 95 % interval against p: preset -> (p, mean, low, high), beside printed values."""
     for i, (name, (p, mean, low, high)) in enumerate(series.items()):
         shift = 0.006 * (i - 1)  # so that the bars do not hide each other
         bars = np.array([mean - low, high - mean])
-        if log:
-            bars[0] = np.minimum(bars[0], 0.9 * mean)
         ax.errorbar(
             p + shift, mean, bars, fmt=PRESET_MARKERS[name] + "-", color=PRESET_COLOURS[name],
             mfc="none", capsize=2, lw=0.8, label=f"preset {name}",
         )  # fmt: skip
     if printed is not None:
         ax.plot(*printed, "s--", color=style.PRINTED, lw=0.8, label="printed")
-    if log:
-        ax.set_yscale("log")
     ax.set(xlabel=WRONG_LABEL, ylabel=label)
     legend_above(ax, ncols=4 if ax.figure.get_figwidth() > 3 else 2)

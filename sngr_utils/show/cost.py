@@ -47,13 +47,6 @@ def saving_series(costs: dict[float, Cost]) -> dict[str, tuple[list[int], list[f
     }
 
 
-def per_window(costs: dict[float, Cost]) -> tuple[float, float]:
-    """Likelihood calls and CPU time of a window, [s], mean over all windows of all levels."""
-    n = sum(len(cost.calls) for cost in costs.values())
-    calls = sum(cost.exhaustive(cost.calls) for cost in costs.values()) / n
-    return calls, sum(cost.exhaustive(cost.seconds) for cost in costs.values()) / n
-
-
 COST = {
     "triggered": ("triggered", "d"),
     "isam2": ("iSAM2 [s]", ".3f"),
@@ -109,20 +102,26 @@ def record(
     first = min(costs)
     to.value("cost.p_first", first, "g")
     to.value("cost.saving_calls", costs[first].saving_calls, ".1f")
-    calls, seconds = per_window(costs)
+    windows = sum(len(cost.calls) for cost in costs.values())
+    calls = sum(cost.exhaustive(cost.calls) for cost in costs.values()) / windows
     n = sum(int(np.isfinite(cost.calls).sum()) for cost in costs.values())
     to.value("cost.calls_per_window", calls, ".0f", n=n, within=50)
     to.value("closure.all_factors", closure.all_factors, ".0f")
     to.value("closure.window_factors", closure.window_factors, ".0f")
-    isam2 = np.mean([cost.isam2_seconds for cost in costs.values()])
-    in_likelihood = calls * closure.seconds_window.mean() / seconds
-    for key, value, fmt in (
-        ("cost.window_over_isam2", seconds / isam2, ".0f"),
-        ("cost.likelihood_share", 100 * in_likelihood, ".0f"),
-        ("closure.loop_over_window", ratio(closure.seconds_loop, closure.seconds_window)[0], ".0f"),
-    ):
-        to.value(key, value, fmt, timing=True)
-    to.value("cost.isam2_seconds", isam2, ".3f", "s", timing=True)
+    isam2 = np.array([cost.isam2_seconds for cost in costs.values()])
+    seconds = np.array([cost.exhaustive(cost.seconds) / len(cost.calls) for cost in costs.values()])
+    _record_ratio("cost.window_over_isam2", seconds, isam2, to)
+    _record_ratio("cost.likelihood_share", 100 * calls * closure.seconds_window, seconds, to)
+    _record_ratio("closure.loop_over_window", closure.seconds_loop, closure.seconds_window, to)
+    to.value("cost.isam2_seconds", isam2.mean(), ".3f", "s", timing=True)
+
+
+def _record_ratio(key: str, slow: np.ndarray, fast: np.ndarray, to: report.Report) -> None:
+    """Hand on a quotient of times with the error that their repeats show, if there are any."""
+    times, low, high = ratio(slow, fast)
+    error = None if np.isnan(high) else (high - low) / (2 * 1.96)
+    fmt = ".1f" if times < 10 or (error is not None and error < 1) else ".0f"
+    to.value(key, times, fmt, error=error, timing=True)
 
 
 def record_engines(
@@ -136,11 +135,11 @@ def record_engines(
         "closure_loop", "window_loop", "one_call", "compiled_walk_few", "compiled_walk",
         "nested_few", "nested", "fast",
     ), performances, strict=True))  # fmt: skip
-    for key in ("closure_loop", "nested", "fast"):
-        faster, low, high = times_faster(performances, names[key], WINDOW_LOOP)
-        error = None if key == "closure_loop" else (high - low) / (2 * 1.96)
-        to.value(f"engine.{key}.ratio", faster, ".1f" if faster < 10 else ".0f", error=error,
-                 timing=True)  # fmt: skip
+    for key in ("nested", "fast"):
+        faster = performances[names[key]].seconds
+        _record_ratio(f"engine.{key}.ratio", performances[WINDOW_LOOP].seconds, faster, to)
+    slower = performances[names["closure_loop"]].seconds
+    _record_ratio("engine.closure_loop.ratio", slower, performances[WINDOW_LOOP].seconds, to)
     for key in ("window_loop", "nested_few", "nested"):
         errors = performances[names[key]].errors
         error = standard_error.standard_error(errors)
@@ -148,7 +147,7 @@ def record_engines(
     rms = float(np.sqrt(np.mean(performances["fast path"].errors ** 2)))
     to.value("engine.fast.rms", rms, ".3f", "nats", n=len(performances["fast path"].errors),
              within=0.005)  # fmt: skip
-    to.value("engine.fast_all_over_isam2", ratio(*fast)[0], ".1f", timing=True)
+    _record_ratio("engine.fast_all_over_isam2", *fast, to)
     inverse, together, anew = (
         grown.seconds[f"marginals, {how}"]
         for how in ("selected inverse", "GTSAM", "GTSAM, asked anew for each window")

@@ -1,6 +1,6 @@
 """The tables of notebook 06, and what it records; `triggers_figures` has its figures."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import pandas as pd
 
@@ -76,14 +76,12 @@ def calibration_table(found: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=heads)
 
 
-def case_table(
-    found: pd.DataFrame, column: str, names: Sequence[str] = tuple(NAMES)
-) -> pd.DataFrame:
+def case_table(found: pd.DataFrame, column: str) -> pd.DataFrame:
     """One column of a summary with its intervals: detectors down, cases across, base rates."""
     cases = list(dict.fromkeys(found["case"]))
     base = found.groupby("case")["base_rate"].first()
     rows = [["base rate", *(t(base[case]) for case in cases)]]
-    for name in names:
+    for name in NAMES:
         mine = found[found["detector"] == name].set_index("case")
         if len(mine):
             rows.append([NAMES[name], *(interval(mine.loc[case], column) for case in cases)])

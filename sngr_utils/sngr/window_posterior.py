@@ -58,19 +58,16 @@ class Target:
         return self.factors._replace(quadratic=own - np.linalg.inv(scale * self.covariance))
 
 
-def conditional_target(
-    solution: Solution, t: int, covariance: np.ndarray, factor: float = 1.0
-) -> Target:
+def conditional_target(solution: Solution, t: int, covariance: np.ndarray) -> Target:
     """Posterior of window w(t), everything else held at the estimate.
 
     Parameters
     ----------
     covariance : (9, 9) joint marginal Sigma_w
-    factor : on the sum of GTSAM's error(); 1 is the likelihood, 1/2 the paper's
     """
     keys = windows.window_keys(t)
     touching = closure.touching_factors(solution.graph, keys)
-    return Target(keys, compiled.flatten(touching, solution.estimate, keys, factor), covariance)
+    return Target(keys, compiled.flatten(touching, solution.estimate, keys, 1.0), covariance)
 
 
 def marginal_target(solution: Solution, t: int, pieces: list[Piece] | None = None) -> Target:
@@ -112,13 +109,11 @@ def target(
     return conditional_target(solution, t, covariance)
 
 
-def expand(solution: Solution, full: bool = True) -> list[Piece]:
+def expand(solution: Solution) -> list[Piece]:
     """Every factor of a solution to second order about its estimate.
 
-    Parameters
-    ----------
-    full : with the curvature of the residuals, which Gauss-Newton leaves out; with wrong
-        associations residuals are metres, and that is no small term
+    With the curvature of the residuals, which Gauss-Newton leaves out: with wrong associations
+    residuals are metres, and that is no small term.
     """
     pieces = []
     for i in range(solution.graph.size()):
@@ -126,19 +121,12 @@ def expand(solution: Solution, full: bool = True) -> list[Piece]:
         keys = sorted(one.keys(), key=_poses_first)
         alone = gtsam.NonlinearFactorGraph()
         alone.push_back(one)
-        if full:
-            factors = compiled.flatten(alone, solution.estimate, keys, 1.0)
-            slope, hessian = derivatives.derivatives(
-                lambda xi, factors=factors: compiled.log_likelihoods(factors, xi),
-                np.zeros(factors.dimension), STEP * np.eye(factors.dimension),
-            )[1:]  # fmt: skip
-            pieces.append(Piece(keys, hessian / STEP**2, -slope / STEP))
-        else:
-            ordering = gtsam.Ordering()
-            for key in keys:
-                ordering.push_back(key)
-            hessian, vector = alone.linearize(solution.estimate).hessian(ordering)
-            pieces.append(Piece(keys, hessian, -vector))
+        factors = compiled.flatten(alone, solution.estimate, keys, 1.0)
+        slope, hessian = derivatives.derivatives(
+            lambda xi, factors=factors: compiled.log_likelihoods(factors, xi),
+            np.zeros(factors.dimension), STEP * np.eye(factors.dimension),
+        )[1:]  # fmt: skip
+        pieces.append(Piece(keys, hessian / STEP**2, -slope / STEP))
     return pieces
 
 

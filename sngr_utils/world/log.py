@@ -40,7 +40,6 @@ class Log:
     times : (T,) of the poses, not decreasing, [s]; None for the pose's number
     label_probabilities : (M, K) of each range over the landmarks, rows that sum to at most one
         (the rest is for none of them); None if the labels are all that is known
-    n_landmarks_known : False if K is an upper bound only
     landmark_means, landmark_sigmas : (K, 2) and (K,) of surveyed landmarks, NaN for the others, [m]
     scale, offset : mean and sigma of what multiplies a distance, and of what is added to it [m],
         to give a range; a sigma of 0 for one that is known, infinite for one without a prior
@@ -67,7 +66,6 @@ class Log:
     x0_sigmas: np.ndarray
     times: np.ndarray | None = None
     label_probabilities: np.ndarray | None = None
-    n_landmarks_known: bool = True
     landmark_means: np.ndarray | None = None
     landmark_sigmas: np.ndarray | None = None
     scale: tuple[float, float] = (1.0, 0.0)

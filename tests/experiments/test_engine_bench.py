@@ -55,6 +55,7 @@ def test_bench_tables_and_values(engines, tmp_path, capsys, monkeypatch):
     timings = files.read_json(tmp_path / "04_cost.timings.json")["values"]
     results = files.read_json(tmp_path / "04_cost.json")
     assert timings["engine.fast_all_over_isam2"]["value"] == 2
+    assert timings["engine.closure_loop.ratio"]["value"] > 1
     assert results["values"]["engine.nested.bias"]["n"] == 20
     assert results["figures"] == ["04_cost_growth_timing.pdf"]
     plt.close(fig)

@@ -5,16 +5,9 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+from stored_results import RESULTS, value, worlds
 
-from sngr_utils import paths
 from sngr_utils.metrics import summaries
-from sngr_utils.publish.results import results_in
-
-RESULTS = results_in(paths.REFERENCE)
-
-
-def worlds(key):
-    return np.array(RESULTS[key]["sample"], dtype=float)
 
 
 def change(preset, p):
@@ -80,10 +73,6 @@ def test_online_and_batch_are_equivalent_and_both_as_good_as_the_oracle(p):
 
 
 # --- the paper's introduction, and the front of the README ----------------------------------------
-
-
-def value(key):
-    return RESULTS[key]["value"]
 
 
 def column(table, number):

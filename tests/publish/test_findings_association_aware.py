@@ -3,13 +3,12 @@
 import numpy as np
 import pandas as pd
 import pytest
+from stored_results import value, worlds
 
-from sngr_utils import paths
 from sngr_utils.experiments import studies
 from sngr_utils.experiments.estimators import BATCH, METHODS
 from sngr_utils.experiments.online_variants import NAME, PARTS
 from sngr_utils.metrics import summaries
-from sngr_utils.publish.results import results_in
 
 PEERS = ("0.1", "0.2", "0.3", "0.4", "0.5")
 LEVELS = ("0", "0.05", *PEERS)
@@ -38,11 +37,6 @@ ASKED = (
     }
 )
 ASKED |= {f"worlds.{key}" for key in ("n", "lost", "lost_doubted", "others_doubted")}
-RESULTS = results_in(paths.REFERENCE)
-
-
-def worlds(key):
-    return np.array(RESULTS[key]["sample"], dtype=float)
 
 
 def interval(values):
@@ -135,7 +129,7 @@ def test_in_worlds_of_other_kinds_the_middle_one_is_at_the_oracle_but_on_straigh
 
 def test_one_in_forty_is_lost_and_hardly_one_of_them_doubts_itself():
     n, lost, found, others = (
-        RESULTS[f"worlds.{key}"]["value"] for key in ("n", "lost", "lost_doubted", "others_doubted")
+        value(f"worlds.{key}") for key in ("n", "lost", "lost_doubted", "others_doubted")
     )
     assert 1 / 50 < lost / n < 1 / 33
     assert found < 0.1 * lost

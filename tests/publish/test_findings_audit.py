@@ -2,28 +2,17 @@
 
 import numpy as np
 import pytest
+import stored_results
+from stored_results import RESULTS, value, worlds
 
-from sngr_utils import paths
 from sngr_utils.metrics import summaries
-from sngr_utils.publish.results import results_in
 
-RESULTS = results_in(paths.REFERENCE)
 P = ("0", "0.1", "0.2", "0.3", "0.4")
 READINGS = ("A", "B", "C")
 
 
-def value(key):
-    return RESULTS[key]["value"]
-
-
-def worlds(key):
-    return np.array(RESULTS[key]["sample"], dtype=float)
-
-
-def entry(table, row, column, part=1):
-    """A number of a recorded table; rows, columns and parts of a cell count from one."""
-    key = f"tab_audit_{table}.row{row}.column{column}"
-    return value(key if part == 1 else f"{key}.{part}")
+def entry(table, *at):
+    return stored_results.entry(f"audit_{table}", *at)
 
 
 def row_of(preset, p, levels=P):

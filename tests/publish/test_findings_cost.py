@@ -1,16 +1,15 @@
 """Sentences of notebook 04 about signs and orders, on its stored tables."""
 
 import numpy as np
+from stored_results import value
 
-from sngr_utils import cost, paths
+from sngr_utils import cost
 from sngr_utils.experiments import refinement_cost
 from sngr_utils.experiments.bench import MOST_BIAS, MOST_ERROR
-from sngr_utils.publish.results import results_in
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sngr.baseline import run_baseline
 from sngr_utils.world.scenario import Scenario
 
-RESULTS = results_in(paths.REFERENCE)
 ENGINES = range(1, 9)  # rows: four of dynesty and one with long walks, two compiled, the fast path
 DYNESTY, FEW, MANY, FAST = range(5), 5, 6, 7
 
@@ -18,7 +17,7 @@ DYNESTY, FEW, MANY, FAST = range(5), 5, 6, 7
 def column(number, part=""):
     """(8,) of the table of accuracy."""
     return np.array(
-        [RESULTS[f"tab_accuracy.row{i}.column{number}{part}"]["value"] for i in ENGINES],
+        [value(f"tab_accuracy.row{i}.column{number}{part}") for i in ENGINES],
         dtype=float,
     )
 
@@ -43,26 +42,23 @@ def test_the_fast_path_errs_least():
 
 
 def test_one_start_is_wrong_and_content_in_every_run_and_many_are_right():
-    one, many = (
-        [RESULTS[f"tab_two_modes.row{row}.column{j}"]["value"] for j in (2, 3)] for row in (1, 2)
-    )
+    one, many = ([value(f"tab_two_modes.row{row}.column{j}") for j in (2, 3)] for row in (1, 2))
     assert one == [0, 40]
     assert many == [40, 0]
 
 
 def test_the_saving_is_total_over_triggered():
     """Under C at the first level: 28 windows, and those that fire there in notebook 03."""
-    fired = RESULTS["tab_sngr.row17.column6"]["value"]
+    fired = value("tab_sngr.row17.column6")
     assert fired == 20
-    saving = RESULTS["cost.saving_calls"]["value"]
+    saving = value("cost.saving_calls")
     assert abs(saving * fired / 28 - 1) < 0.1
 
 
 def test_triggers_are_the_printed_ones_on_clean_data_under_b_only():
     """At the first, third and fourth level the paper prints a number; tau as in notebook 03."""
     printed, a, b, c = (
-        [RESULTS[f"tab_sngr.row{row}.column{j}"]["value"] for row in (17, 19, 20)]
-        for j in (3, 4, 5, 6)
+        [value(f"tab_sngr.row{row}.column{j}") for row in (17, 19, 20)] for j in (3, 4, 5, 6)
     )
     assert b[0] == printed[0] < a[0] < c[0]
     assert all(ours[1:] != printed[1:] for ours in (a, b, c))
@@ -80,4 +76,4 @@ def test_b_saves_nearly_as_much_as_printed_and_a_less():
         saved[preset] = refinement_cost.measure(
             base, chosen, config.tau, config.part(SamplerSettings), "nested"
         ).saving_calls
-    assert RESULTS["cost.saving_calls"]["value"] < 1.5 < saved["A"] < 5 < 6 < saved["B"] < 7.6
+    assert value("cost.saving_calls") < 1.5 < saved["A"] < 5 < 6 < saved["B"] < 7.6

@@ -1,11 +1,7 @@
 """Sentences of notebook 03 about signs and orders, on its stored tables."""
 
 import numpy as np
-
-from sngr_utils import paths
-from sngr_utils.publish.results import results_in
-
-RESULTS = results_in(paths.REFERENCE)
+from stored_results import value
 
 
 def rows(quantity):
@@ -13,14 +9,12 @@ def rows(quantity):
     cells = [
         [f"tab_sngr.row{4 * quantity + i}.column{4 + j}" for j in range(3)] for i in (1, 2, 3, 4)
     ]
-    return np.array([[RESULTS[cell]["value"] for cell in row] for row in cells], dtype=float)
+    return np.array([[value(cell) for cell in row] for row in cells], dtype=float)
 
 
 def of_preset(quantity):
     """Presets A, B and C in a row of the table of the gains."""
-    return np.array([
-        RESULTS[f"tab_presets_gain.row{quantity}.column{j}"]["value"] for j in (3, 4, 5)
-    ])
+    return np.array([value(f"tab_presets_gain.row{quantity}.column{j}") for j in (3, 4, 5)])
 
 
 def test_more_is_accepted_the_more_labels_are_wrong_and_nothing_on_clean_data():
@@ -54,9 +48,9 @@ def test_it_fires_under_every_preset_at_small_p_and_on_clean_data():
 
 
 def test_odometry_alone_is_better_from_the_first_wrong_labels_on():
-    assert (rows(0)[1:, 2] > RESULTS["sngr.odometry_rmse"]["value"]).all()
-    assert rows(0)[0, 2] < RESULTS["sngr.odometry_rmse"]["value"]
+    assert (rows(0)[1:, 2] > value("sngr.odometry_rmse")).all()
+    assert rows(0)[0, 2] < value("sngr.odometry_rmse")
 
 
 def test_the_gate_is_ten_times_finer_than_the_noise_of_a_mean():
-    assert 8 < RESULTS["sngr.mean_cost"]["value"] / 0.001 < 13
+    assert 8 < value("sngr.mean_cost") / 0.001 < 13

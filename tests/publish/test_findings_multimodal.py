@@ -1,21 +1,14 @@
 """Sentences of notebook 09 about signs, orders and all, on stored results."""
 
-from sngr_utils import paths
-from sngr_utils.publish.results import results_in
+from stored_results import entry, value
 
 METHODS = ("one Gaussian", "c = 1", "c = 50", "ancestral", "ancestral, reweighted", "many starts")
 FEW, CALLS_FEW, MORE, CALLS_MORE, WINDOW, CALLS_WINDOW = range(2, 8)  # columns of the summary
 ASKED = set()  # all that is needed stands in tables, and in what the paper asks for
-RESULTS = results_in(paths.REFERENCE)
 
 
-def value(key):
-    return RESULTS[key]["value"]
-
-
-def cell(table, row, column, place=1):
-    end = "" if place == 1 else f".{place}"
-    return value(f"tab_multimodal_{table}.row{row}.column{column}{end}")
+def cell(table, *at):
+    return entry(f"multimodal_{table}", *at)
 
 
 def summary(method, column, place=1):

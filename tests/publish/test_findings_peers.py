@@ -2,11 +2,10 @@
 
 import numpy as np
 import pandas as pd
+import stored_results
 
-from sngr_utils import paths
 from sngr_utils.experiments.estimators import LOST, METHODS, WITHOUT_START
 from sngr_utils.metrics import summaries
-from sngr_utils.publish.results import results_in
 
 LEVELS = ("0", "0.2", "0.4")
 BELIEVE = ("isam2", "sngr", "least_squares")
@@ -28,11 +27,10 @@ ASKED = {
     for what in ("ratio", "nees", "landmark_ratio")
     if (method, what) != ("dead_reckoning", "landmark_ratio")
 } | {key(method, "0.4", "ratio", "first_poses") for method in STARTED}
-RESULTS = results_in(paths.REFERENCE)
 
 
 def worlds(*of):
-    return np.array(RESULTS[key(*of)]["sample"], dtype=float)
+    return stored_results.worlds(key(*of))
 
 
 def median(*of):

@@ -2,11 +2,8 @@
 
 import numpy as np
 import pytest
+from stored_results import value
 
-from sngr_utils import paths
-from sngr_utils.publish.results import results_in
-
-RESULTS = results_in(paths.REFERENCE)
 WIDTHS = {"tau": 4, "baseline": 5, "perseed": 5, "clean": 5, "ranking": 5}  # levels of a quantity
 FIRST = {"clean": 3, "ranking": 3}  # column of preset A, the fourth where a printed one stands
 
@@ -18,13 +15,13 @@ def rows(table, quantity):
         [f"tab_{table}.row{quantity * levels + i}.column{first + j}" for j in range(3)]
         for i in range(1, levels + 1)
     ]
-    return np.array([[RESULTS[cell]["value"] for cell in row] for row in cells], dtype=float)
+    return np.array([[value(cell) for cell in row] for row in cells], dtype=float)
 
 
 def printed(table, quantity):
     levels = WIDTHS[table]
     cells = (f"tab_{table}.row{quantity * levels + i}.column3" for i in range(1, levels + 1))
-    return np.array([RESULTS[cell]["value"] for cell in cells], dtype=float)
+    return np.array([value(cell) for cell in cells], dtype=float)
 
 
 def test_no_threshold_is_silent_under_c_and_the_clean_counts_are_bs():
@@ -61,7 +58,7 @@ def test_blind_under_a_and_b_and_not_under_c_where_most_have_failed():
 
 
 def test_scores_fall_and_most_clean_ones_lie_above_the_threshold():
-    median = {role: RESULTS[f"sweep.median_score.{role}"]["value"] for role in ("clean", "most")}
+    median = {role: value(f"sweep.median_score.{role}") for role in ("clean", "most")}
     assert median["most"] < 3.96 < median["clean"]
 
 

@@ -1,14 +1,15 @@
 """Sentences of notebook 06 about signs and orders, on stored results and on the worlds shown."""
 
+import numpy as np
 import pytest
+import stored_results
+from stored_results import value
 
-from sngr_utils import paths, triggers
+from sngr_utils import triggers
 from sngr_utils.experiments.detector_scores import Case, run
-from sngr_utils.publish.results import results_in
 from sngr_utils.slam.conventions import PRESETS
 from sngr_utils.sngr import failure
 
-RESULTS = results_in(paths.REFERENCE)
 SURPRISE = 1.301  # -log10 of 0.05
 
 SCENARIOS = ("paper", "3 m", "10 m", "4 landmarks", "10 landmarks", "0.05 m", "0.3 m", "100 poses")
@@ -20,14 +21,8 @@ SINGLE = range(2, 8)  # columns of the levels of p, then of the bursts
 P, POOLED = (2, 3, 4, 5), 8
 
 
-def value(key):
-    return RESULTS[key]["value"]
-
-
-def entry(table, row, column, part=1):
-    """A number of a recorded table; rows, columns and parts of a cell count from one."""
-    key = f"tab_triggers_{table}.row{row}.column{column}"
-    return value(key if part == 1 else f"{key}.{part}")
+def entry(table, *at):
+    return stored_results.entry(f"triggers_{table}", *at)
 
 
 def level(score, scenario, part=1):
@@ -72,6 +67,21 @@ def test_settling_mends_the_small_circle_and_not_the_many_poses():
     """Rows of `null`: B and C with 3 m, B and C with 100 poses."""
     assert entry("null", 2, 4) < 0.6 * entry("null", 2, 3)
     assert entry("null", 4, 4) > 0.9 * entry("null", 4, 3)
+
+
+def test_p_values_are_flat_with_leverage_and_small_ones_are_rare_without():
+    """The windows of the figure of the law, 26 of each of 30 worlds, and what its text says."""
+    config = triggers.Config()
+    last = config.first_seed + config.n_seeds
+    seeds = range(last, last + config.n_calibration)
+    rows = run([Case("paper", 0.0)], config.scenario, PRESETS["C"], seeds, 1)
+    flat, ignored = 10.0 ** -rows["chi_square_robust"], 10.0 ** -rows["naive"]
+    by_world = flat.groupby(rows["seed"]).mean()
+    assert abs(by_world.mean() - 0.5) < 2 * by_world.sem() < 0.05
+    assert np.abs(np.histogram(flat, 10, (0, 1))[0] / len(flat) - 0.1).max() < 0.025
+    assert 0.04 < (flat < 0.05).mean() < 0.06
+    assert (ignored < 0.05).mean() < 0.02
+    assert (ignored > 0.9).mean() > 0.25
 
 
 @pytest.mark.parametrize("column", [*SINGLE, POOLED])

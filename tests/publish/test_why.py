@@ -1,4 +1,4 @@
-"""`make why` against five keys, two tables and two figures that were traced by hand."""
+"""`make why` against seven keys, two tables and two figures that were traced by hand."""
 
 import re
 from datetime import date
@@ -55,6 +55,13 @@ BY_HAND = {
     "online.p0.4.ratio": (
         "show.record(config, runs, ablation, slips, paper)",
         ["runs = association_aware.run(config)"], "first_seed = 6000, n_seeds = 30",
+    ),
+    "worlds.lost": (
+        "worlds.record(rows, paper)", ['rows = studies.committed("every_world")'],
+        "first_seed = 6000, n_seeds = 30",
+    ),
+    "cost.saving_calls": (
+        "show.record(config, costs, closure, paper)", ["costs = cost.run(config)"], "seed = 0",
     ),
 }  # fmt: skip
 
@@ -117,7 +124,27 @@ def test_a_table_that_a_loop_names_is_found_by_the_reference(tmp_path, monkeypat
     monkeypatch.setattr(trace, "code_cells", lambda notebook: cells)
     monkeypatch.setattr(paths, "REFERENCE", tmp_path)
     files.write_json(tmp_path / f"{NAME}.json", {"tab_t_a.row1.column2": {}, "tab_u.row1.c": {}})
-    assert trace.handed_on(NAME) == {("table", "t_a"): cells[0], ("table", "t_b"): cells[1]}
+    found = {name: (cell.number, cell.at) for (_, name), cell in trace.handed_on(NAME).items()}
+    assert found == {"t_a": (1, 1), "t_b": (2, 0)}
+
+
+def test_only_what_a_statement_needs_is_told(monkeypatch):
+    """Not a name that a function, a comprehension or a loop has for itself, nor another's line."""
+    sources = [
+        "import numpy as np\nrows = np.arange(3)",
+        "def f(rows):\n    return rows\n\n\nx = 1\nk = 2",
+        "k = 1\nother = [x for x in rows]",
+        'total = g(rows)\nfor k in range(3):\n    total += k\npaper.table("t", total)\n'
+        'paper.table("u", other)\npaper.table("w", f(3))\nplot(other, rows)\n'
+        'paper.figure(fig, "v")',
+    ]
+    cells = [trace.Cell(NAME, i, 1, source, ()) for i, source in enumerate(sources, start=1)]
+    monkeypatch.setattr(trace, "code_cells", lambda notebook: cells)
+    made = {
+        name: [earlier.number for earlier in trace.made_in(cell)]
+        for (_, name), cell in trace.handed_on(NAME).items()
+    }
+    assert made == {"t": [1], "u": [1, 3], "w": [2], "v": [1, 2, 3]}
 
 
 def test_a_claim_is_told_with_its_verdict():

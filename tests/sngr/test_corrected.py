@@ -56,6 +56,20 @@ def quiet():
     return base, levenberg_marquardt.converge(base.solution)
 
 
+def linearised_pieces(solution):
+    """Every factor as Gauss-Newton and GTSAM have it: without the curvature of the residuals."""
+    pieces = []
+    for i in range(solution.graph.size()):
+        alone, ordering = gtsam.NonlinearFactorGraph(), gtsam.Ordering()
+        alone.push_back(solution.graph.at(i))
+        keys = sorted(solution.graph.at(i).keys())
+        for key in keys:
+            ordering.push_back(key)
+        hessian, vector = alone.linearize(solution.estimate).hessian(ordering)
+        pieces.append(window_posterior.Piece(keys, hessian, -vector))
+    return pieces
+
+
 def test_batch_settles_the_estimate_and_leaves_the_input_alone(noisy):
     before = noisy.solution.graph.error(noisy.solution.estimate)
     linearised = noisy.solution.isam.calculateEstimate()
@@ -65,7 +79,7 @@ def test_batch_settles_the_estimate_and_leaves_the_input_alone(noisy):
     assert noisy.solution.isam.calculateEstimate().equals(linearised, 0)
     assert batch.graph.error(batch.estimate) <= before
     assert np.isfinite(more.poses).all()
-    pieces = window_posterior.expand(batch, full=False)
+    pieces = linearised_pieces(batch)
     keys = list(batch.estimate.keys())
     matrix, slope = window_posterior.eliminated(pieces, keys)
     assert 0.5 * slope @ np.linalg.solve(matrix, slope) < 1e-4  # nats left to gain
@@ -74,7 +88,7 @@ def test_batch_settles_the_estimate_and_leaves_the_input_alone(noisy):
 
 
 def test_elimination_gives_gtsams_marginals(noisy):
-    pieces = window_posterior.expand(noisy.solution, full=False)
+    pieces = linearised_pieces(noisy.solution)
     for t in (0, 5, 27):
         precision, _ = window_posterior.eliminated(pieces, windows.window_keys(t))
         assert np.allclose(np.linalg.inv(precision), noisy.covariances[t], rtol=1e-6, atol=1e-10)
