@@ -9,6 +9,7 @@ from sngr_utils import trigger_sweep
 from sngr_utils.publish import report
 from sngr_utils.show import style
 from sngr_utils.show import trigger_sweep as show
+from sngr_utils.show import trigger_sweep_pictures as pictures
 
 pytestmark = pytest.mark.usefixtures("house_style")
 
@@ -98,8 +99,8 @@ def test_sweep_tables(paper_sweep, paper_presets, tmp_path):
 def test_sweep_figures(paper_sweep, paper_presets):
     fig, axes = plt.subplots(1, 6, figsize=(2 * 6, 2.5))
     base = paper_sweep.single(0.3)
-    show.draw_ranges(axes[0], base, 3)
-    show.draw_world(axes[1], base, 3.9)
+    pictures.draw_ranges(axes[0], base, 3)
+    pictures.draw_world(axes[1], base, 3.9)
     edges = [line for line in axes[1].lines if line.get_zorder() == 0]
     assert len(edges) == len(base.world.ranges)  # a factor, an edge
     wrong = [line for line in edges if line.get_color() == style.TRIGGERED]
