@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from helpers import handed_on
+from helpers import drawn_as_printed, handed_on
 
 from sngr_utils import trigger_sweep
 from sngr_utils.publish import report
@@ -106,8 +106,12 @@ def test_sweep_figures(paper_sweep, paper_presets):
     wrong = [line for line in edges if line.get_color() == style.TRIGGERED]
     assert len(wrong) == np.sum(base.world.label_of != base.world.source_of)
     show.draw_scores(axes[2], base, 3.9)
+    assert "printed (14)" in drawn_as_printed(axes[1])
+    assert drawn_as_printed(axes[2])["printed (14)"][1] == [3.9]
     show.draw_areas(axes[2:4], show.ranking_table(paper_presets))
-    show.draw_score_boxes(axes[4], [0.0], [base.scores], 3.9)
+    show.draw_score_boxes(axes[4], [0.0, 0.4], [base.scores] * 2, 3.9)
+    assert "printed (fire)" in drawn_as_printed(axes[4])
+    assert [text.get_text() for text in axes[4].texts] == ["0", "24"]
     show.draw_worlds(axes[5], paper_presets, "clean")
     heights = np.array([bar.get_height() for bar in axes[5].patches])
     fired = [run.detection(3.96).triggered for sweep in paper_presets.values()

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from sngr_utils.metrics import standard_error
 from sngr_utils.publish import cells, report
 from sngr_utils.show import style
-from sngr_utils.show.common import legend_above
+from sngr_utils.show.common import draw_printed, legend_above, printed_fires
 from sngr_utils.show.presets import beside_printed, draw_beside_printed
 from sngr_utils.show.style import WRONG_LABEL
 from sngr_utils.trigger_sweep import Sweep, pooled_scores, ranking, roles, triggers_by_tau
@@ -162,13 +162,18 @@ def record(sweep: Sweep, presets: dict[str, Sweep], to: report.Report) -> None:
 
 
 def draw_scores(ax: Axes, base: Baseline, tau: float) -> None:
-    """Score of every window, those that fire and those that failed marked, with the threshold."""
+    """Score of every window, those that fire and those that failed marked, with the threshold.
+
+    In brackets: how many fire, and how many by the paper, marked where its threshold stands.
+    """
     t, fired = np.arange(len(base.scores)), base.fired(tau)
     ax.plot(t[~fired], base.scores[~fired], "o", color=style.ESTIMATE, ms=2.5)
-    ax.plot(t[fired], base.scores[fired], "o", color=style.TRIGGERED, ms=2.5, label="fires")
+    ax.plot(t[fired], base.scores[fired], "o", color=style.TRIGGERED, ms=2.5,
+            label=f"fires ({fired.sum()})")  # fmt: skip
     ax.plot(t[base.failed], base.scores[base.failed] + 0.08, "v", color=style.TRUTH, ms=2,
             label="failed")  # fmt: skip
     ax.axhline(tau, color=style.TRIGGERED, lw=0.8, ls="--", label=rf"$\tau$ = {tau:g}")
+    draw_printed(ax, [len(t) + 1], [tau], printed_fires(base.p))
     ax.set(xlabel="window", ylabel="score")
     ax.margins(y=0.12)
     legend_above(ax)
@@ -177,14 +182,22 @@ def draw_scores(ax: Axes, base: Baseline, tau: float) -> None:
 def draw_score_boxes(
     ax: Axes, p: Sequence[float], scores: Sequence[np.ndarray], tau: float
 ) -> None:
-    """Box plots of the pooled scores per p (whiskers to 1.5 interquartile ranges)."""
+    """Box plots of the pooled scores per p (whiskers to 1.5 interquartile ranges).
+
+    Below each: how many windows of 28 fire in the first world by the paper.
+    """
     ax.boxplot(
         list(scores), tick_labels=[f"{x:g}" for x in p], widths=0.6,
         flierprops={"marker": ".", "markersize": 2}, medianprops={"color": style.ESTIMATE},
     )  # fmt: skip
     ax.axhline(tau, color=style.TRIGGERED, lw=0.8, ls="--", label=rf"$\tau$ = {tau:g}")
+    at, below = np.arange(1, len(p) + 1) - 0.2, np.concatenate(scores).min() - 0.2
+    draw_printed(ax, at, np.full(len(p), below), "(fire)")
+    for x, level in zip(at, p, strict=True):
+        ax.annotate(printed_fires(level)[1:-1], (x, below), (4, 0), textcoords="offset points",
+                    va="center", fontsize=7)  # fmt: skip
     ax.set(xlabel=WRONG_LABEL, ylabel="score")
-    legend_above(ax)
+    legend_above(ax, ncols=2)
 
 
 def draw_worlds(ax: Axes, presets: dict[str, Sweep], role: str) -> None:

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
 from sngr_utils.show import style
-from sngr_utils.show.common import legend_above
+from sngr_utils.show.common import draw_printed, legend_above, printed_fires
 
 if TYPE_CHECKING:
     from sngr_utils.sngr.baseline import Baseline
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 def draw_world(ax: Axes, base: Baseline, tau: float | None = None) -> None:
     """True and estimated trajectory and landmarks, ranges as edges; poses that fire are ringed.
 
-    An edge joins a pose to the landmark that its range is labelled with.
+    An edge joins a pose to the landmark that its range is labelled with. In brackets: how many
+    windows fire, and how many by the paper.
     """
     the_world, estimate = base.world, base.solution.poses
     _draw_edges(ax, base)
@@ -26,9 +27,9 @@ def draw_world(ax: Axes, base: Baseline, tau: float | None = None) -> None:
     ax.plot(*estimate[:, :2].T, "o-", color=style.ESTIMATE, lw=0.7, ms=2, label="iSAM2")
     if tau is not None:
         marked = base.fired_poses(tau)
-        ax.plot(
-            *estimate[marked, :2].T, "o", color=style.TRIGGERED, mfc="none", ms=5, label="fires"
-        )
+        ax.plot(*estimate[marked, :2].T, "o", color=style.TRIGGERED, mfc="none", ms=5,
+                label=f"fires ({base.fired(tau).sum()})")  # fmt: skip
+        draw_printed(ax, [], [], printed_fires(base.p))
     ax.plot(*the_world.landmarks.T, "*", color=style.TRUTH, ms=5, label="landmark")
     ax.plot(*base.solution.landmarks.T, "+", color=style.ESTIMATE, ms=5, label="estimate")
     ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
