@@ -105,7 +105,7 @@ def test_sweep_figures(paper_sweep, paper_presets):
     assert len(edges) == len(base.world.ranges)  # a factor, an edge
     wrong = [line for line in edges if line.get_color() == style.TRIGGERED]
     assert len(wrong) == np.sum(base.world.label_of != base.world.source_of)
-    show.draw_scores(axes[2], base, 3.9)
+    pictures.draw_scores(axes[2], base, 3.9)
     assert "printed (14)" in drawn_as_printed(axes[1])
     assert drawn_as_printed(axes[2])["printed (14)"][1] == [3.9]
     show.draw_areas(axes[2:4], show.ranking_table(paper_presets))

@@ -68,3 +68,21 @@ def draw_ranges(ax: Axes, base: Baseline, t: int) -> None:
     ax.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="x [m]",
            ylabel="y [m]")  # fmt: skip
     legend_above(ax, ncols=2)
+
+
+def draw_scores(ax: Axes, base: Baseline, tau: float) -> None:
+    """Score of every window, those that fire and those that failed marked, with the threshold.
+
+    In brackets: how many fire, and how many by the paper, marked where its threshold stands.
+    """
+    t, fired = np.arange(len(base.scores)), base.fired(tau)
+    ax.plot(t[~fired], base.scores[~fired], "o", color=style.ESTIMATE, ms=2.5)
+    ax.plot(t[fired], base.scores[fired], "o", color=style.TRIGGERED, ms=2.5,
+            label=f"fires ({fired.sum()})")  # fmt: skip
+    ax.plot(t[base.failed], base.scores[base.failed] + 0.08, "v", color=style.TRUTH, ms=2,
+            label="failed")  # fmt: skip
+    ax.axhline(tau, color=style.TRIGGERED, lw=0.8, ls="--", label=rf"$\tau$ = {tau:g}")
+    draw_printed(ax, [len(t) + 1], [tau], printed_fires(base.p))
+    ax.set(xlabel="window", ylabel="score")
+    ax.margins(y=0.12)
+    legend_above(ax)
