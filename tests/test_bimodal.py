@@ -130,6 +130,9 @@ def test_bimodal_tables_and_figures(bimodal_result, tmp_path):
     show.draw_shrinkage(axes[0], -np.arange(3.0), -np.arange(3.0))
     show.draw_weights(axes[1], np.arange(3.0), -np.arange(3.0), np.arange(1.0, 4.0))
     show.draw_live_panels(axes[2:4], [config.modes, config.modes], (0, 1), config)
+    played = show.live_film([config.modes] * 30, config).pictures
+    assert next(played)[0] == "0 points discarded"
+    assert [plt.close(drawn) or text for text, drawn in played][-1] == "29 points discarded"
     to.figure(fig, "all", png=True)
     assert show.run_plot(bimodal_result.run) is not None
     assert (tmp_path / "x_all.pdf").exists()

@@ -118,6 +118,10 @@ def test_sweep_figures(paper_sweep, paper_presets):
              for run in sweep.level(0.0)]  # fmt: skip
     assert heights.sum() == sum(fired)
     fig.canvas.draw()
+    captions = [text for text, _ in pictures.film(paper_sweep, 3.96).pictures]
+    assert captions[0] == "p = 0: 0 of 28 windows have failed"
+    assert len(captions) == len(paper_sweep.config.p_levels)
+    plt.close("all")
 
 
 def test_presets_share_the_data():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
@@ -16,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from sngr_utils.metrics.bimodality import bimodality_coefficient
 from sngr_utils.publish import cells, report
+from sngr_utils.publish.film import Film
 from sngr_utils.show import style
 from sngr_utils.show.common import draw_printed, legend_above
 
@@ -219,3 +220,19 @@ def draw_live_panels(
         ax.set(title=f"after {step}", xlabel="x [m]", aspect="equal")
         ax.set(xlim=(-6, 10), ylim=(-8, 8))
     axes[0].set_ylabel("y [m]")
+
+
+def live_film(history: Sequence[np.ndarray], config: Config) -> Film:
+    """The live points of a run at 21 of its steps."""
+    alt = (
+        "Live points of nested sampling and the two circles. The points gather about both rings,"
+        " then at the crossings. Notice when no point is left between the clusters."
+    )
+    return Film("Live points", alt, "points discarded", _live(history, config))
+
+
+def _live(history: Sequence[np.ndarray], config: Config) -> Iterator[tuple[str, Figure]]:
+    for step in np.linspace(0, len(history) - 1, 21).astype(int):
+        fig, ax = style.figure(3.2, 3.2)
+        draw_live_panels([ax], history, [step], config)
+        yield f"{step} points discarded", fig

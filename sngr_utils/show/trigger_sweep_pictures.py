@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
+from sngr_utils.publish.film import Film
 from sngr_utils.show import style
 from sngr_utils.show.common import draw_printed, legend_above, printed_fires
 
 if TYPE_CHECKING:
     from sngr_utils.sngr.baseline import Baseline
+    from sngr_utils.trigger_sweep import Sweep
 
 
 def draw_world(ax: Axes, base: Baseline, tau: float | None = None) -> None:
@@ -86,3 +90,23 @@ def draw_scores(ax: Axes, base: Baseline, tau: float) -> None:
     ax.set(xlabel="window", ylabel="score")
     ax.margins(y=0.12)
     legend_above(ax)
+
+
+def film(sweep: Sweep, tau: float) -> Film:
+    """The first world at each level of p: its factor graph beside its scores."""
+    alt = (
+        "Factor graph and scores of one world as the share p of wrong labels grows. The estimate"
+        " leaves the true circle, and windows fail. Notice how little the arch of the scores moves."
+    )
+    return Film("One world, p from 0 to 0.4", alt, "share p of wrong labels", _levels(sweep, tau))
+
+
+def _levels(sweep: Sweep, tau: float) -> Iterator[tuple[str, Figure]]:
+    for p in sweep.config.p_levels:
+        fig, (left, right) = style.panels(6.4, 3.0, 2)
+        base = sweep.single(p)
+        draw_world(left, base, tau)
+        left.set(xlim=(-7, 7), ylim=(-7, 7))
+        draw_scores(right, base, tau)
+        right.set(ylim=(2.5, 5))
+        yield f"p = {p:g}: {base.failed.sum()} of {len(base.failed)} windows have failed", fig
