@@ -322,7 +322,7 @@ def test_film_stops_where_it_is_told():
     assert [len(frame.poses) for frame in frames] == [4, 13]
     assert all(np.isnan(frames[0].landmarks[k]).all() for k in frames[0].clouds)
     played = association_pictures.film(frames).pictures
-    assert [text for text, _ in played][0].startswith("pose 3: ")
+    assert next(text for text, _ in played).startswith("pose 3: ")
     plt.close("all")
     with pytest.raises(ValueError, match="at is"):
         online_variants.film(make(0.3), C, [0], 100)
