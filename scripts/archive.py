@@ -28,7 +28,8 @@ LICENSES = {
 }
 KINDS = {
     ".json": "application/json", ".ipynb": "application/x-ipynb+json", ".pdf": "application/pdf",
-    ".png": "image/png", ".yaml": "application/yaml", ".tex": "text/x-tex", "": "text/plain",
+    ".png": "image/png", ".html": "text/html", ".yaml": "application/yaml",
+    ".tex": "text/x-tex", "": "text/plain",
 }  # fmt: skip
 
 

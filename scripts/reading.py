@@ -1,6 +1,7 @@
 """How long the notebooks take to read, and whether that is within the limits.
 
-Words at 200 a minute, and 2.8 s for each number in a table. The limits are in pyproject.toml,
+Words at 200 a minute, and 2.8 s for each number in a table. A table has at most 6 columns and 8
+rows, and one with numbers marks the cell that matters. The limits are in pyproject.toml,
 [tool.reading]: lower them when a notebook has become shorter.
 """
 
@@ -22,11 +23,18 @@ NUMBER = re.compile(r"\d+(?:[.,]\d+)*(?:e[+−-]?\d+)?")
 
 @dataclass(frozen=True)
 class Load:
-    """What a reader of one notebook meets; `large` counts tables beyond 6 columns or 8 rows."""
+    """What a reader of one notebook meets.
+
+    Attributes
+    ----------
+    large : tables beyond 6 columns or 8 rows
+    unmarked : tables with numbers of which no cell is marked
+    """
 
     words: int
     tables: int
     large: int
+    unmarked: int
     numbers: int
 
     @property
@@ -42,8 +50,13 @@ def load_of(notebook: dict) -> Load:
     shown = "\n".join("".join(o.get("data", {}).get("text/html", "")) for o in outputs)
     tables = [table_of(text) for text in re.findall(r"<table.*?</table>", shown, re.DOTALL)]
     large = sum(len(rows) > ROWS or len(rows[0]) > COLUMNS for rows in tables)
-    cells = [cell for rows in tables for row in rows for cell in row]
-    return Load(words, len(tables), large, sum(len(NUMBER.findall(cell)) for cell in cells))
+    cells = [[cell for row in rows for cell in row] for rows in tables]
+    unmarked = sum(
+        any(re.match("−?[0-9]", cell) for cell in table) and "<strong>" not in "".join(table)
+        for table in cells
+    )
+    numbers = sum(len(NUMBER.findall(cell)) for table in cells for cell in table)
+    return Load(words, len(tables), large, unmarked, numbers)
 
 
 def table_of(text: str) -> list[list[str]]:
@@ -52,24 +65,29 @@ def table_of(text: str) -> list[list[str]]:
     return [row for row in rows if row]
 
 
-def report(loads: dict[str, Load], limits: dict[str, float]) -> tuple[str, list[str]]:
+def report(
+    loads: dict[str, Load], minutes: dict[str, float], tables: dict[str, int]
+) -> tuple[str, list[str]]:
     """The table for all notebooks, and a sentence for each limit that is exceeded.
 
     Parameters
     ----------
-    limits : minutes by notebook, and "all"
+    minutes : limit by notebook, and "all"
+    tables : how many may be large or unmarked, by notebook; none if it is not named
     """
-    lines = [f"{'':25}  words  tables  large  numbers  minutes  limit"]
+    lines = [f"{'':25}  words  tables  large  unmarked  numbers  minutes  limit"]
     whole = Load(*(sum(getattr(load, name) for load in loads.values())
-                   for name in ("words", "tables", "large", "numbers")))  # fmt: skip
+                   for name in ("words", "tables", "large", "unmarked", "numbers")))  # fmt: skip
     faults = []
     for name, load in [*loads.items(), ("all", whole)]:
         lines.append(
-            f"{name:25} {load.words:6} {load.tables:7} {load.large:6} {load.numbers:8}"
-            f" {load.minutes:8.1f} {limits.get(name, 0):6g}"
+            f"{name:25} {load.words:6} {load.tables:7} {load.large:6} {load.unmarked:9}"
+            f" {load.numbers:9} {load.minutes:8.1f} {minutes.get(name, 0):6g}"
         )
-        if load.minutes > limits.get(name, 0):
-            faults.append(f"{name}: {load.minutes:.1f} minutes, {limits.get(name, 0):g} allowed")
+        if load.minutes > minutes.get(name, 0):
+            faults.append(f"{name}: {load.minutes:.1f} minutes, {minutes.get(name, 0):g} allowed")
+        if name in loads and load.large + load.unmarked > tables.get(name, 0):
+            faults.append(f"{name}: {load.large} tables are large, {load.unmarked} without a mark")
     return "\n".join(lines), faults
 
 
@@ -80,10 +98,10 @@ def main() -> int:
         path.stem: load_of(json.loads(path.read_text(encoding="utf-8")))
         for path in sorted((ROOT / "notebooks").glob("*.ipynb"))
     }
-    table, faults = report(loads, project["tool"]["reading"]["minutes"])
+    table, faults = report(loads, **project["tool"]["reading"])
     print(table)
     for fault in faults:
-        print(f"reading time of {fault}", file=sys.stderr)
+        print(f"reading of {fault}", file=sys.stderr)
     return 1 if faults else 0
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from sngr_utils.experiments.online_variants import Frame
     from sngr_utils.world.simulation import World
 
-FRAMES = [3, 5, 8, 15, 29]  # poses at which the film is stopped
+FRAMES = [3, 5, 8, 15, 29]  # poses of the film that are printed
 SLOW = ("sngr", "fastslam")  # which notebook 07 has at several levels; here at p_film only
 
 
@@ -55,7 +55,7 @@ class Config(ManyWorlds):
         if self.slip_steps >= self.n_poses:
             raise ValueError(f"slip_steps is {self.slip_steps}: there are {self.n_poses - 1} steps")
         if self.n_poses <= FRAMES[-2]:
-            raise ValueError(f"n_poses is {self.n_poses}: the film has {FRAMES[-2] + 1} and more")
+            raise ValueError(f"n_poses is {self.n_poses}: the strip has {FRAMES[-2] + 1} and more")
         return self
 
 
@@ -133,10 +133,10 @@ def ambiguous(config: Config) -> Scan:
 
 
 def film(config: Config) -> list[Frame]:
-    """The run of the first world, stopped at `FRAMES`."""
+    """The run of the first world, stopped at every pose but the first."""
     from sngr_utils.experiments import online_variants
 
-    at = [t for t in FRAMES if t < config.n_poses]
+    at = range(1, config.n_poses)
     return online_variants.film(first_world(config), PRESETS[READING], at, config.first_seed)
 
 

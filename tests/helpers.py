@@ -56,6 +56,14 @@ def asked_keys():
     return needed | set(re.findall(r"\\res\{([^}]*)\}", paper_text()))
 
 
+def drawn_as_printed(ax):
+    """Every number of the paper that a panel marks: legend -> (x, y), and the legend has it."""
+    marked = {line.get_label(): line for line in ax.lines if line.get_label().startswith("printed")}
+    assert {(line.get_marker(), line.get_color()) for line in marked.values()} == {("s", "#999999")}
+    assert marked.keys() <= {text.get_text() for text in ax.get_legend().get_texts()}
+    return {name: tuple(map(list, line.get_data())) for name, line in marked.items()}
+
+
 def handed_on(to):
     """What a report hands on, values and samples and wall clocks; nothing that nobody asks for."""
     to.save()

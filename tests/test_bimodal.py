@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from helpers import cells_from_scratch, handed_on
+from helpers import cells_from_scratch, drawn_as_printed, handed_on
 
 from sngr_utils import bimodal, paths
 from sngr_utils.metrics import standard_error
@@ -122,11 +122,17 @@ def test_bimodal_tables_and_figures(bimodal_result, tmp_path):
     points = {"iSAM2": bimodal_result.map, "modes": config.modes}
     show.draw_samples(axes[2], bimodal_result.samples, bimodal_result.weights, points)
     show.draw_histogram(axes[3], bimodal_result.samples[:, 1], bimodal_result.weights, [0.0])
+    assert drawn_as_printed(axes[2]) == {"printed best": ([1.984], [-2.232])}
+    ((ends, _),) = drawn_as_printed(axes[3]).values()
+    assert ends == [-2.21, 2.21]
     show.draw_repeated_masses(axes[4], bimodal_result.upper_masses, 0.1, 0.2)
     show.draw_live_points(axes[5], np.arange(3.0), np.arange(3.0))
     show.draw_shrinkage(axes[0], -np.arange(3.0), -np.arange(3.0))
     show.draw_weights(axes[1], np.arange(3.0), -np.arange(3.0), np.arange(1.0, 4.0))
     show.draw_live_panels(axes[2:4], [config.modes, config.modes], (0, 1), config)
+    played = show.live_film([config.modes] * 30, config).pictures
+    assert next(played)[0] == "0 points discarded"
+    assert [plt.close(drawn) or text for text, drawn in played][-1] == "29 points discarded"
     to.figure(fig, "all", png=True)
     assert show.run_plot(bimodal_result.run) is not None
     assert (tmp_path / "x_all.pdf").exists()

@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from helpers import cells_from_scratch, handed_on, quick_config
+from helpers import cells_from_scratch, drawn_as_printed, handed_on, quick_config
 
 from sngr_utils import full_sngr
 from sngr_utils.metrics.effective_sample_size import effective_sample_size
@@ -66,6 +66,11 @@ def test_pipeline_tables_and_figures(pipeline, tmp_path):
     show.draw_gains(axes[1], show.per_window(config, presets, "delta_logp"))
     show.draw_ess(axes[2], show.per_window(config, presets, "ess_share"))
     show.draw_rmse(axes[3], config.p_levels, show.rmse_series(levels))
+    gains = drawn_as_printed(axes[1])
+    assert gains["printed peak"] == ([17], [5.04])
+    assert gains["printed least"][1] == [1.0, 1.0]
+    assert drawn_as_printed(axes[2])["printed"][1] == [0.5, 0.5]
+    assert "printed (SNGR)" in drawn_as_printed(axes[3])
     show.draw_losses(axes[4], {10: np.ones(3), 100: np.ones(3)}, 9, 0.001, 40.0)
     show.draw_step_gains(axes[5], [0.1, 2.0], [0.2, 2.5])
     to.figure(fig, "all")

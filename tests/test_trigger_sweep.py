@@ -3,12 +3,13 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from helpers import handed_on
+from helpers import drawn_as_printed, handed_on
 
 from sngr_utils import trigger_sweep
 from sngr_utils.publish import report
 from sngr_utils.show import style
 from sngr_utils.show import trigger_sweep as show
+from sngr_utils.show import trigger_sweep_pictures as pictures
 
 pytestmark = pytest.mark.usefixtures("house_style")
 
@@ -98,21 +99,29 @@ def test_sweep_tables(paper_sweep, paper_presets, tmp_path):
 def test_sweep_figures(paper_sweep, paper_presets):
     fig, axes = plt.subplots(1, 6, figsize=(2 * 6, 2.5))
     base = paper_sweep.single(0.3)
-    show.draw_ranges(axes[0], base, 3)
-    show.draw_world(axes[1], base, 3.9)
+    pictures.draw_ranges(axes[0], base, 3)
+    pictures.draw_world(axes[1], base, 3.9)
     edges = [line for line in axes[1].lines if line.get_zorder() == 0]
     assert len(edges) == len(base.world.ranges)  # a factor, an edge
     wrong = [line for line in edges if line.get_color() == style.TRIGGERED]
     assert len(wrong) == np.sum(base.world.label_of != base.world.source_of)
-    show.draw_scores(axes[2], base, 3.9)
+    pictures.draw_scores(axes[2], base, 3.9)
+    assert "printed (14)" in drawn_as_printed(axes[1])
+    assert drawn_as_printed(axes[2])["printed (14)"][1] == [3.9]
     show.draw_areas(axes[2:4], show.ranking_table(paper_presets))
-    show.draw_score_boxes(axes[4], [0.0], [base.scores], 3.9)
+    show.draw_score_boxes(axes[4], [0.0, 0.4], [base.scores] * 2, 3.9)
+    assert "printed (fire)" in drawn_as_printed(axes[4])
+    assert [text.get_text() for text in axes[4].texts] == ["0", "24"]
     show.draw_worlds(axes[5], paper_presets, "clean")
     heights = np.array([bar.get_height() for bar in axes[5].patches])
     fired = [run.detection(3.96).triggered for sweep in paper_presets.values()
              for run in sweep.level(0.0)]  # fmt: skip
     assert heights.sum() == sum(fired)
     fig.canvas.draw()
+    captions = [text for text, _ in pictures.film(paper_sweep, 3.96).pictures]
+    assert captions[0] == "p = 0: 0 of 28 windows have failed"
+    assert len(captions) == len(paper_sweep.config.p_levels)
+    plt.close("all")
 
 
 def test_presets_share_the_data():

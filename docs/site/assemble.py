@@ -22,7 +22,9 @@ from sngr_utils.publish import claims, notebooks, trace
 HERE = Path(__file__).resolve().parent
 DOCS = HERE.parent
 SOURCE = paths.BUILD / "site-source"
+EXTRA = SOURCE / "extra"  # what is copied into the site as it is
 LINK = re.compile(r"(?<!!)\[([^\]]+)\]\((?!\w+:|#)([^)\s#]+)(#[^)\s]*)?\)")
+FILM = re.compile(r"^Film: \[(.*)\]\(\.\./(figures/\w+\.html)\)$")
 PARTS = {
     "Start here": ["notebooks/00_*"],
     "The paper": ["notebooks/0[1-5]_*", "verdicts.md"],
@@ -86,6 +88,20 @@ def linked(text: str, folder: Path) -> str:
     return LINK.sub(target, text)
 
 
+def with_player(output: dict) -> None:
+    """In place of a link to a film, the film; it lies in the site as it is in the repository."""
+    link = FILM.match(output.get("data", {}).get("text/markdown", ""))
+    if link:
+        title, name = link.groups()
+        target = EXTRA / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(paths.ROOT / name, target)
+        player = (
+            f'<iframe class="film" src="../{name}" title="Film: {html.escape(title)}"></iframe>'
+        )
+        output.data = nbformat.from_dict({"text/html": player})
+
+
 def copy(name: Path) -> None:
     """A file that is shown or can be downloaded."""
     (SOURCE / name).parent.mkdir(parents=True, exist_ok=True)
@@ -105,6 +121,8 @@ def chapter(path: Path) -> str:
         ids = [tag for tag in tags if tag.startswith("claim-")]
         for name in ids + anchors.pop(number, []) * (cell.cell_type == "code"):
             cells.append(nbformat.v4.new_markdown_cell(f'<span id="{name}"></span>'))
+        for output in cell.get("outputs", []):
+            with_player(output)
         if "solution" in tags:
             cell.metadata.tags = [*tags, "hide-cell"]
             prompts = {"code_prompt_show": "Solution", "code_prompt_hide": "Solution"}

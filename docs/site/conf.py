@@ -12,7 +12,8 @@ sys.path.insert(0, str(HERE))  # for its own extension
 project = "SNGR, reproduced"
 author = "The SNGR reproduction project"
 extensions = ["myst_nb", "sphinx-mathjax-offline", "glossary"]
-exclude_patterns = ["downloads"]
+exclude_patterns = ["downloads", "extra"]
+html_extra_path = [str(paths.BUILD / "site-source" / "extra")]  # the films
 default_role = "code"
 
 nb_execution_mode = "off"

@@ -111,10 +111,27 @@ def show(frame: pd.DataFrame, mark: Callable[[pd.Series, str], bool] | None = No
         return HTML(frame.to_html(index=False, border=0))
     shown = [
         [_bold(row[name]) if mark(row, name) else html.escape(str(row[name])) for name in frame]
-        for _, row in frame.iterrows()
+        for _, row in frame.astype(object).iterrows()
     ]
-    heads = [html.escape(str(name)) for name in frame]
-    return HTML(pd.DataFrame(shown, columns=heads).to_html(index=False, border=0, escape=False))
+    marked = pd.DataFrame(shown, columns=frame.columns).rename(columns=html.escape)
+    return HTML(marked.to_html(index=False, border=0, escape=False))
+
+
+def at(column: str | tuple | None, *rows: str | int) -> Callable[[pd.Series, object], bool]:
+    """A mark for `show`: the cells of a column in the rows that begin with these words.
+
+    Parameters
+    ----------
+    column : its head; None for the whole row but its first cell
+    rows : the first cell of each, or its number from 0 where two begin alike; all if there is none
+    """
+
+    def mark(row: pd.Series, name: object) -> bool:
+        first = name == row.index[0]
+        told = not rows or row.name in rows or str(row.iloc[0]) in rows
+        return told and not first and column in (None, name)
+
+    return mark
 
 
 def _bold(content: object) -> str:

@@ -22,7 +22,8 @@ from ruamel.yaml import YAML
 from sngr_utils import paths
 from sngr_utils.metrics.standard_error import standard_error
 from sngr_utils.publish import cells
-from sngr_utils.publish.files import write_json
+from sngr_utils.publish.files import write_json, write_text
+from sngr_utils.publish.film import Film, player
 
 TIMING = "_timing"  # end of the name of a figure that shows wall clocks
 
@@ -144,6 +145,13 @@ class Report:
         if png:
             fig.savefig(self.output_dir / f"{stem}.png", dpi=200)
             self._results["figures"].append(f"{stem}.png")
+
+    def film(self, name: str, shown: Film) -> Markdown:
+        """Hand on a film as ``<notebook>_<name>.html``; returns a link to it."""
+        file = f"{self.notebook}_{name}.html"
+        write_text(self.output_dir / file, player(shown))
+        self._results["figures"].append(file)
+        return Markdown(f"Film: [{shown.title}](../figures/{file})")
 
     def save(self) -> None:
         """Write ``<notebook>.json`` and, if there are any, ``<notebook>.timings.json``."""

@@ -83,7 +83,7 @@ def _drawn_before(name: str) -> set[str]:
     """The figures that the results published so far name; nothing else is ever removed."""
     try:
         figures = read_json(paths.RESULTS / f"{name}.json")["figures"]
-        return {file for file in figures if re.fullmatch(rf"{name}_\w+\.(pdf|png)", file)}
+        return {file for file in figures if re.fullmatch(rf"{name}_\w+\.(pdf|png|html)", file)}
     except MALFORMED:
         return set()
 

@@ -1,11 +1,15 @@
 """Pictures of what is associated with what: the ranges of one scan, and the frames of a run."""
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from sngr_utils.experiments.one_range import Scan
+from sngr_utils.publish.film import Film
 from sngr_utils.show import style
 
 
@@ -79,3 +83,21 @@ def film_legend() -> list[Line2D]:
         "given to none": {"ls": ":", "color": style.TRIGGERED},
     }
     return [Line2D([], [], label=label, **look) for label, look in looks.items()]
+
+
+def film(frames: Iterable) -> Film:
+    """Every frame as a picture of its own, with the legend below."""
+    alt = (
+        "One run of the online estimator, pose by pose. Landmarks are clouds, rings or pairs at"
+        " first. Notice when each is initialised, and how the path follows the true one."
+    )
+    return Film("One run, pose by pose", alt, "pose", _pictures(frames))
+
+
+def _pictures(frames: Iterable) -> Iterator[tuple[str, Figure]]:
+    for frame in frames:
+        fig, ax = style.figure(3.4, 4.2)
+        draw_frame(ax, frame)
+        fig.legend(handles=film_legend(), loc="outside lower center", ncols=2)
+        known = np.isfinite(frame.landmarks[:, 0]).sum()
+        yield f"pose {len(frame.poses) - 1}: {known} landmarks initialised", fig

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
@@ -16,8 +16,9 @@ from matplotlib.ticker import MaxNLocator
 
 from sngr_utils.metrics.bimodality import bimodality_coefficient
 from sngr_utils.publish import cells, report
+from sngr_utils.publish.film import Film
 from sngr_utils.show import style
-from sngr_utils.show.common import legend_above
+from sngr_utils.show.common import draw_printed, legend_above
 
 if TYPE_CHECKING:
     from sngr_utils.bimodal import Config, Result
@@ -131,16 +132,21 @@ def draw_samples(
     colours = (style.ESTIMATE, style.TRUTH)
     for (name, point), marker, colour in zip(points.items(), "x+", colours, strict=False):
         ax.plot(*np.atleast_2d(point).T, marker, ms=6, color=colour, label=name)
+    best = report.printed_values()["bimodal"]["ns_best"]
+    draw_printed(ax, *np.transpose([best]), "best", ms=6)
     ax.set(xlabel="x [m]", ylabel="y [m]")
-    legend_above(ax)
+    legend_above(ax, ncols=2)
 
 
 def draw_histogram(ax: Axes, y: np.ndarray, weights: np.ndarray, marks: Sequence[float]) -> None:
-    """Weighted histogram of y with vertical lines at `marks`, [m]."""
+    """Weighted histogram of y with vertical lines at `marks`, [m]; the printed weighted sigma."""
     ax.hist(y, bins=np.linspace(-4, 4, 41), weights=weights, color=style.SAMPLES, density=True)
     for mark in marks:
         ax.axvline(mark, color=style.TRUTH, lw=0.6, ls=":")
+    sigma, height = report.printed_values()["bimodal"]["weighted_sigma_y"], ax.get_ylim()[1]
+    draw_printed(ax, [-sigma, sigma], [height / 2] * 2, r"$\pm\sigma_y$", line=True)
     ax.set(xlabel="y [m]", ylabel="density [1/m]")
+    legend_above(ax)
 
 
 def draw_repeated_masses(ax: Axes, masses: np.ndarray, single_error: float, spread: float) -> None:
@@ -214,3 +220,19 @@ def draw_live_panels(
         ax.set(title=f"after {step}", xlabel="x [m]", aspect="equal")
         ax.set(xlim=(-6, 10), ylim=(-8, 8))
     axes[0].set_ylabel("y [m]")
+
+
+def live_film(history: Sequence[np.ndarray], config: Config) -> Film:
+    """The live points of a run at 21 of its steps."""
+    alt = (
+        "Live points of nested sampling and the two circles. The points gather about both rings,"
+        " then at the crossings. Notice when no point is left between the clusters."
+    )
+    return Film("Live points", alt, "points discarded", _live(history, config))
+
+
+def _live(history: Sequence[np.ndarray], config: Config) -> Iterator[tuple[str, Figure]]:
+    for step in np.linspace(0, len(history) - 1, 21).astype(int):
+        fig, ax = style.figure(3.2, 3.2)
+        draw_live_panels([ax], history, [step], config)
+        yield f"{step} points discarded", fig

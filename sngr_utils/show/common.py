@@ -5,14 +5,39 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from sngr_utils.show import style
+from sngr_utils.publish import cells, report
+from sngr_utils.show.methods import PRINTED
 from sngr_utils.show.style import PRESET_COLOURS, PRESET_MARKERS, WRONG_LABEL
 
 
 def legend_above(ax: Axes, ncols: int = 3) -> None:
-    """A legend in one line above the panel, where it hides nothing."""
+    """A legend above the panel, where it hides nothing; above half a column, in two columns."""
+    if ax.figure.get_figwidth() < 2:
+        ncols = min(ncols, 2)
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=ncols, fontsize=6,
               columnspacing=0.8, handlelength=1.5, handletextpad=0.2, borderpad=0.1)  # fmt: skip
+
+
+def draw_printed(
+    ax: Axes, x: Sequence[float], y: Sequence[float], what: str = "", line: bool = False, **looks
+) -> None:
+    """Numbers that the paper prints, by their one marker; joined if they are a curve or a level.
+
+    Parameters
+    ----------
+    what : follows "printed" in the legend
+    looks : as matplotlib's ``Axes.plot`` takes them
+    """
+    ax.plot(
+        x, y, ls=PRINTED.dash if line else "none", marker=PRINTED.marker, color=PRINTED.colour,
+        lw=PRINTED.width, mfc="none", label=f"{PRINTED.name} {what}".strip(), **{"ms": 4, **looks},
+    )  # fmt: skip
+
+
+def printed_fires(p: float) -> str:
+    """In brackets, how many windows of the first world fire by the paper."""
+    fired = report.printed_values()["baseline"].get(p, {}).get("triggered", cells.NONE)
+    return f"({fired})"
 
 
 def draw_intervals(
@@ -30,6 +55,6 @@ def draw_intervals(
             mfc="none", capsize=2, lw=0.8, label=f"preset {name}",
         )  # fmt: skip
     if printed is not None:
-        ax.plot(*printed, "s--", color=style.PRINTED, lw=0.8, label="printed")
+        draw_printed(ax, *printed, line=True)
     ax.set(xlabel=WRONG_LABEL, ylabel=label)
     legend_above(ax, ncols=4 if ax.figure.get_figwidth() > 3 else 2)

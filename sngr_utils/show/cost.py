@@ -15,7 +15,7 @@ from sngr_utils.experiments.bench import WINDOW_LOOP, Performance, comparable, r
 from sngr_utils.metrics import standard_error
 from sngr_utils.publish import cells, report
 from sngr_utils.show import style
-from sngr_utils.show.common import legend_above
+from sngr_utils.show.common import draw_printed, legend_above
 from sngr_utils.show.presets import beside_printed
 
 if TYPE_CHECKING:
@@ -242,10 +242,8 @@ def draw_saving(
     """Saving against the number of windows that fire, "ours" and "printed", with total / n."""
     n = np.arange(1, total + 1)
     ax.plot(n, total / n, "-", color=style.TRUTH, lw=0.6, label=f"{total} / n")
-    looks = {"ours": (style.SAMPLES, "o"), "printed": (style.PRINTED, "s")}
-    for name, (fired, saving) in series.items():
-        colour, marker = looks[name]
-        ax.plot(fired, saving, marker, color=colour, label=name)
+    ax.plot(*series["ours"], "o", color=style.SAMPLES, label="ours")
+    draw_printed(ax, *series["printed"])
     ax.set(xlabel="windows that fire, n", ylabel="exhaustive / selective", ylim=(0, 10))
     ax.legend()
 

@@ -13,7 +13,7 @@ from sngr_utils.full_sngr import Config, example_window, noop_means
 from sngr_utils.metrics import standard_error
 from sngr_utils.publish import cells, report
 from sngr_utils.show import methods, style
-from sngr_utils.show.common import legend_above
+from sngr_utils.show.common import draw_printed, legend_above
 from sngr_utils.show.presets import beside_printed
 from sngr_utils.show.style import PRESET_COLOURS, PRESET_MARKERS, WRONG_LABEL
 
@@ -28,7 +28,7 @@ def rmse_series(levels: dict[float, RefinedWorld]) -> dict[str, list[float]]:
         "dead_reckoning": [level.odometry_rmse for level in levels.values()],
         "isam2": [level.baseline.pose_rmse for level in levels.values()],
         "sngr": [level.pose_rmse for level in levels.values()],
-        "SNGR as printed": [printed.get(p, {}).get("pose_rmse", np.nan) for p in levels],
+        "printed": [printed.get(p, {}).get("pose_rmse", np.nan) for p in levels],
     }
 
 
@@ -150,8 +150,15 @@ def record(
 
 
 def draw_gains(ax: Axes, presets: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
-    """Gain per window: name -> (windows (n,), delta log p (n,) [nats]); symmetric log scale."""
+    """Gain per window: name -> (windows (n,), delta log p (n,) [nats]); symmetric log scale.
+
+    The paper prints the largest gain with its window, and the least, drawn as a level.
+    """
     _draw_by_preset(ax, presets)
+    printed = report.printed_values()["diagnostics_p0.2"]
+    low, high = printed["delta_logp_range"]
+    draw_printed(ax, [printed["peak_window"]], [high], "peak")
+    draw_printed(ax, _ends(presets), [low, low], "least", line=True, markevery=2)
     ax.axhline(0, color=style.TRUTH, lw=0.6, ls=":")
     ax.set_yscale("symlog", linthresh=0.1)
     ax.margins(y=0.1)
@@ -162,8 +169,16 @@ def draw_gains(ax: Axes, presets: dict[str, tuple[np.ndarray, np.ndarray]]) -> N
 def draw_ess(ax: Axes, presets: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
     """ESS per window as a share of the samples: name -> (windows (n,), shares (n,))."""
     _draw_by_preset(ax, presets)
+    share = report.printed_values()["diagnostics_p0.2"]["ess_share"]
+    draw_printed(ax, _ends(presets), [share, share], line=True)
     ax.set(xlabel="window", ylabel="ESS / samples", ylim=(0, 1))
     legend_above(ax)
+
+
+def _ends(presets: dict[str, tuple[np.ndarray, np.ndarray]]) -> list[int]:
+    """First and last of all windows."""
+    windows = np.concatenate([t for t, _ in presets.values()])
+    return [windows.min(initial=0), windows.max(initial=0)]
 
 
 def _draw_by_preset(ax: Axes, presets: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
@@ -227,9 +242,11 @@ def draw_window_samples(
 
 def draw_rmse(ax: Axes, p: Sequence[float], series: dict[str, Sequence[float]]) -> None:
     """RMSE [m] against p, one line per method."""
-    printed = methods.Method("SNGR as printed", style.PRINTED, "--", "s")
     for name, values in series.items():
-        look = methods.METHODS.get(name, printed)
+        if name == "printed":
+            draw_printed(ax, p, values, "(SNGR)", line=True)
+            continue
+        look = methods.METHODS[name]
         ax.plot(p, values, ls=look.dash, marker=look.marker, color=look.colour, ms=6, mfc="none",
                 label=look.name)  # fmt: skip
     ax.set(xlabel=WRONG_LABEL, ylabel="pose RMSE [m]")

@@ -46,6 +46,8 @@ METHODS = {
     "oracle": Method("oracle", BLACK, "-", None),
 }
 
+PRINTED = Method("printed", style.PRINTED, "--", "s", 0.8)  # what the paper prints, in any figure
+
 
 def shown(key: str) -> str:
     """What a method is called, or anything else that has underscores for spaces."""

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from sngr_utils.publish import cells
 from sngr_utils.show import style
-from sngr_utils.show.common import legend_above
+from sngr_utils.show.common import draw_printed, legend_above
 from sngr_utils.show.style import PRESET_COLOURS, PRESET_MARKERS
 from sngr_utils.slam.conventions import PRESETS, WHY, OpenConventions
 
@@ -91,7 +91,7 @@ def draw_beside_printed(
     for head in rows.columns[2:]:
         values = [np.nan if cell.numbers[0] is None else cell.numbers[0] for cell in rows[head]]
         if head[1] == "printed":
-            ax.plot(levels, values, "x--", color=style.PRINTED, ms=5, label="printed")
+            draw_printed(ax, levels, values, line=True)
             continue
         colour, marker = PRESET_COLOURS[head[1]], PRESET_MARKERS[head[1]]
         ax.plot(levels, values, marker + "-", color=colour, mfc="none", ms=5, lw=0.8,

@@ -64,4 +64,4 @@ PRESET_COLOURS = {"A": LANDMARK, "B": ESTIMATE, "C": SAMPLES}
 
 PRESET_MARKERS = {"A": "^", "B": "o", "C": "s"}
 
-WRONG_LABEL = "share p of wrong associations"
+WRONG_LABEL = "share p of wrong labels"

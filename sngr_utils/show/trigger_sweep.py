@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.patches import Circle
 
 from sngr_utils.metrics import standard_error
 from sngr_utils.publish import cells, report
 from sngr_utils.show import style
-from sngr_utils.show.common import legend_above
+from sngr_utils.show.common import draw_printed, legend_above, printed_fires
 from sngr_utils.show.presets import beside_printed, draw_beside_printed
 from sngr_utils.show.style import WRONG_LABEL
 from sngr_utils.trigger_sweep import Sweep, pooled_scores, ranking, roles, triggers_by_tau
@@ -162,84 +161,25 @@ def record(sweep: Sweep, presets: dict[str, Sweep], to: report.Report) -> None:
         to.value(f"sweep.median_score.{role}", np.median(scores), n=len(scores))
 
 
-def draw_world(ax: Axes, base: Baseline, tau: float | None = None) -> None:
-    """True and estimated trajectory and landmarks, ranges as edges; poses that fire are ringed.
-
-    An edge joins a pose to the landmark that its range is labelled with.
-    """
-    the_world, estimate = base.world, base.solution.poses
-    _draw_edges(ax, base)
-    ax.plot(*the_world.poses[:, :2].T, "-", color=style.TRUTH, lw=0.7, label="truth")
-    ax.plot(*estimate[:, :2].T, "o-", color=style.ESTIMATE, lw=0.7, ms=2, label="iSAM2")
-    if tau is not None:
-        marked = base.fired_poses(tau)
-        ax.plot(
-            *estimate[marked, :2].T, "o", color=style.TRIGGERED, mfc="none", ms=5, label="fires"
-        )
-    ax.plot(*the_world.landmarks.T, "*", color=style.TRUTH, ms=5, label="landmark")
-    ax.plot(*base.solution.landmarks.T, "+", color=style.ESTIMATE, ms=5, label="estimate")
-    ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
-    legend_above(ax)
-
-
-def _draw_edges(ax: Axes, base: Baseline) -> None:
-    """The range factors at the estimate: right labels grey, wrong ones dashed."""
-    the_world, solution = base.world, base.solution
-    wrong = the_world.label_of != the_world.source_of
-    looks = ((~wrong, style.PRINTED, "-", 0.3), (wrong, style.TRIGGERED, "--", 0.5))
-    for chosen, colour, dash, width in looks:
-        ends = np.stack([
-            solution.poses[the_world.pose_of[chosen], :2],
-            solution.landmarks[the_world.label_of[chosen]],
-        ])  # fmt: skip
-        ax.plot(*ends.transpose(2, 0, 1), color=colour, ls=dash, lw=width, zorder=0)
-    ax.plot([], [], "--", color=style.TRIGGERED, lw=0.8, label="wrong label")
-
-
-def draw_ranges(ax: Axes, base: Baseline, t: int) -> None:
-    """The circles that the ranges of pose t draw around the landmarks of their labels."""
-    the_world = base.world
-    ax.plot(*the_world.poses[:, :2].T, "-", color=style.TRUTH, lw=0.7)
-    ax.plot(*the_world.landmarks.T, "*", color=style.TRUTH, ms=5)
-    looks = {False: (style.ESTIMATE, "-", "right"), True: (style.TRIGGERED, "--", "wrong")}
-    for m in np.flatnonzero(the_world.pose_of == t):
-        colour, line, _ = looks[bool(the_world.label_of[m] != the_world.source_of[m])]
-        centre = the_world.landmarks[the_world.label_of[m]]
-        ax.add_patch(Circle(centre, the_world.ranges[m], fill=False, color=colour, lw=0.7, ls=line))
-        ax.plot(*centre, "o", mfc="none", color=colour, ms=7)
-    for colour, line, name in looks.values():
-        ax.plot([], [], ls=line, color=colour, label=f"{name} label")
-    ax.plot(*the_world.poses[t, :2], "o", color=style.TRUTH, ms=5)
-    reach = 1.7 * np.abs(the_world.poses[:, :2]).max()
-    ax.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="x [m]",
-           ylabel="y [m]")  # fmt: skip
-    legend_above(ax, ncols=2)
-
-
-def draw_scores(ax: Axes, base: Baseline, tau: float) -> None:
-    """Score of every window, those that fire and those that failed marked, with the threshold."""
-    t, fired = np.arange(len(base.scores)), base.fired(tau)
-    ax.plot(t[~fired], base.scores[~fired], "o", color=style.ESTIMATE, ms=2.5)
-    ax.plot(t[fired], base.scores[fired], "o", color=style.TRIGGERED, ms=2.5, label="fires")
-    ax.plot(t[base.failed], base.scores[base.failed] + 0.08, "v", color=style.TRUTH, ms=2,
-            label="failed")  # fmt: skip
-    ax.axhline(tau, color=style.TRIGGERED, lw=0.8, ls="--", label=rf"$\tau$ = {tau:g}")
-    ax.set(xlabel="window", ylabel="score")
-    ax.margins(y=0.12)
-    legend_above(ax)
-
-
 def draw_score_boxes(
     ax: Axes, p: Sequence[float], scores: Sequence[np.ndarray], tau: float
 ) -> None:
-    """Box plots of the pooled scores per p (whiskers to 1.5 interquartile ranges)."""
+    """Box plots of the pooled scores per p (whiskers to 1.5 interquartile ranges).
+
+    Below each: how many windows of 28 fire in the first world by the paper.
+    """
     ax.boxplot(
         list(scores), tick_labels=[f"{x:g}" for x in p], widths=0.6,
         flierprops={"marker": ".", "markersize": 2}, medianprops={"color": style.ESTIMATE},
     )  # fmt: skip
     ax.axhline(tau, color=style.TRIGGERED, lw=0.8, ls="--", label=rf"$\tau$ = {tau:g}")
+    at, below = np.arange(1, len(p) + 1) - 0.2, np.concatenate(scores).min() - 0.2
+    draw_printed(ax, at, np.full(len(p), below), "(fire)")
+    for x, level in zip(at, p, strict=True):
+        ax.annotate(printed_fires(level)[1:-1], (x, below), (4, 0), textcoords="offset points",
+                    va="center", fontsize=7)  # fmt: skip
     ax.set(xlabel=WRONG_LABEL, ylabel="score")
-    legend_above(ax)
+    legend_above(ax, ncols=2)
 
 
 def draw_worlds(ax: Axes, presets: dict[str, Sweep], role: str) -> None:

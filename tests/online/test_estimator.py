@@ -1,6 +1,7 @@
 from collections import Counter
 from dataclasses import replace
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -19,6 +20,7 @@ from sngr_utils.online.landmarks import _locate, drop_landmarks
 from sngr_utils.robust import losses, mutual_exclusion
 from sngr_utils.robust.association import Shares
 from sngr_utils.sampling.targets import place
+from sngr_utils.show import association_pictures
 from sngr_utils.slam import conventions
 from sngr_utils.world import dead_reckoning, scenario, simulation, variations
 
@@ -319,6 +321,9 @@ def test_film_stops_where_it_is_told():
     frames = online_variants.film(make(0.3).first(15), C, [3, 12], 100)
     assert [len(frame.poses) for frame in frames] == [4, 13]
     assert all(np.isnan(frames[0].landmarks[k]).all() for k in frames[0].clouds)
+    played = association_pictures.film(frames).pictures
+    assert next(text for text, _ in played).startswith("pose 3: ")
+    plt.close("all")
     with pytest.raises(ValueError, match="at is"):
         online_variants.film(make(0.3), C, [0], 100)
 

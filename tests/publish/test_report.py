@@ -1,5 +1,6 @@
 import json
 import math
+import re
 
 import matplotlib.pyplot as plt
 import pandas as pd
@@ -123,3 +124,18 @@ def test_a_marked_cell_is_bold_and_all_else_as_without_marks():
     shown = cells.show(frame, lambda row, column: column == "n" and row["a < b"] == "<z>").data
     assert "<strong>2.00</strong>" in shown
     assert shown.replace("<strong>", "").replace("</strong>", "") == cells.show(frame).data
+
+
+def test_marks_by_column_and_by_the_first_cell_of_a_row_or_its_number():
+    heads = pd.MultiIndex.from_tuples([("", "p"), ("a < b", "n"), ("a < b", "m")])
+    frame = pd.DataFrame([["x", 1, 2.5], ["y", 3, 4.5]], columns=heads)
+
+    def marked(*asked):
+        shown = cells.show(frame, cells.at(*asked)).data
+        assert shown.replace("<strong>", "").replace("</strong>", "") == cells.show(frame).data
+        return re.findall("<strong>(.*?)</strong>", shown)
+
+    assert marked(("a < b", "n")) == ["1", "3"]
+    assert marked(("a < b", "m"), "y") == ["4.5"]
+    assert marked(None, 0) == ["1", "2.5"]
+    assert marked(None, "z") == []

@@ -165,3 +165,28 @@ def test_a_figure_of_the_first_page_leads_to_the_cell_that_draws_it(page):
         cell = anchor.locator("xpath=following::div[contains(@class, 'cell')][1]")
         assert anchor.count() == 1
         assert f'"{link.split("#figure-")[1]}"' in cell.inner_text()
+
+
+FILMS = sorted(path.name for path in paths.FIGURES.glob("*.html"))
+
+
+@pytest.mark.parametrize("film", FILMS)
+def test_films_play_and_obey_the_keyboard(page, film):
+    shown = page.open(f"notebooks/{film.rsplit('_', 1)[0]}.html")
+    assert "Film: " in shown.locator("iframe.film").get_attribute("title")
+    player = shown.frame_locator("iframe.film")
+    picture, slider = player.locator("#picture"), player.locator("#at")
+    first, caption = picture.get_attribute("src"), player.locator("#caption").inner_text()
+    slider.focus()
+    slider.press("ArrowRight")
+    assert slider.input_value() == "1"
+    assert picture.get_attribute("src") != first
+    assert player.locator("#caption").inner_text() != caption
+    assert len(picture.get_attribute("alt")) > 100
+    button = player.locator("#play")
+    button.press("Enter")
+    assert button.inner_text() == "Stop"
+    shown.wait_for_timeout(1000)
+    assert int(slider.input_value()) > 1
+    button.press("Enter")
+    assert button.inner_text() == "Play"
