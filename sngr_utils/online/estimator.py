@@ -147,7 +147,7 @@ class Online:
         self.conventions, self.settings, self.rng = conventions, settings, rng
         self.belief = Belief(first)
         self.filtered = [self.belief.poses[-1]]
-        self.last_batch, self.held_out = 0, []
+        self.last_batch = 0
         if settings.p is not None:
             self.belief.shares = PRIOR._replace(wrong=settings.p)
 
@@ -164,7 +164,7 @@ class Online:
         if settings.doubt_odometry:
             slips.find_robot(belief, settings.nested, rng=self.rng)
         belief.solve()
-        predicted = self._assign(newest_only=not settings.sweep)
+        self._assign(newest_only=not settings.sweep)
         start_landmarks(belief, settings.nested, settings.delayed, rng=self.rng)
         if settings.sweep:
             for _ in range(SWEEPS):
@@ -178,16 +178,12 @@ class Online:
         if settings.restart and self._in_trouble():
             self._restart()
         self.filtered.append(belief.poses[-1])
-        if predicted is not None and len(belief.newest):
-            used = belief.assignment.used[belief.newest]
-            squared = predicted.squared[-len(used) :][np.arange(len(used)), used]
-            self.held_out.append(squared[(used != DROPPED) & np.isfinite(squared)])
 
-    def _assign(self, newest_only: bool = False) -> data_association.Innovations | None:
-        """Assign the ranges anew; returns their innovations, as they were before."""
+    def _assign(self, newest_only: bool = False) -> None:
+        """Assign the ranges anew."""
         belief, settings = self.belief, self.settings
         if not belief.present.any() or len(belief.log.ranges) == 0:
-            return None
+            return
         found = belief.innovations(belief.covariance())
         assignment = data_association.decide(
             belief.log,
@@ -204,7 +200,6 @@ class Online:
             used[belief.newest] = assignment.used[belief.newest]
         belief.assignment = data_association.Assignment(belief.assignment.used, assignment.weights)
         belief.use(used)
-        return found
 
     def _shares(self, weights: np.ndarray) -> Shares:
         """Shares of wrong labels and of clutter, from ranges labelled with what is in the map."""
@@ -297,7 +292,7 @@ class Online:
         found = OnlineEstimate(
             poses, landmarks, own, in_doubt, graph_poses, used,
             covariances, wrong, ours.shares.clutter, np.array(self.filtered),
-            belief.counts, diagnosis.diagnose(log, told, ours, self.held_out, gap),
+            belief.counts, diagnosis.diagnose(log, told, ours, gap),
         )  # fmt: skip
         if found.diagnosis.doubtful:
             warnings.warn("; ".join(found.diagnosis.reasons), DoubtWarning, stacklevel=3)
@@ -312,10 +307,13 @@ class Online:
         best = min([ours, *others], key=lambda one: one.cost) if self.settings.restart else ours
         if best.cost > ours.cost - BETTER:
             best = ours
-        different = [one for one in (ours, *others) if rivals.differ(log, best.found, one.found)]
-        belief.counts["batch restarts"] += any(one is ours for one in different)
         turned = belief.counts["landmarks turned over"]
         self._adopt(best.log, told, best.found)
+        sure = ~belief.in_doubt
+        different = [
+            one for one in (ours, *others) if rivals.differ(log, best.found, one.found, sure)
+        ]
+        belief.counts["batch restarts"] += any(one is ours for one in different)
         gap = min((one.cost for one in different), default=np.inf) - best.cost
         kept = belief.present == np.isfinite(best.found.landmarks[:, 0])
         if kept.all() and belief.counts["landmarks turned over"] == turned:
@@ -334,7 +332,9 @@ class Online:
             found = rivals.blind(plain, self._fit, ours.poses, places)
             others.append(rivals.rival(plain, told, found))
         if self.settings.doubt_odometry and log.n_poses <= 2 * WINDOW:
-            others += rivals.with_a_slip(plain, self._fit)
+            best = min(others, key=lambda one: one.cost)
+            asked = diagnosis.may_have_slipped(best.log, told, best.found) or belief.slipped.any()
+            others += rivals.with_a_slip(plain, self._fit, bool(asked))
         return others
 
     def _vague(self) -> np.ndarray:

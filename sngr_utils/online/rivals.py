@@ -111,15 +111,20 @@ def rival(log: Log, told: np.ndarray, found: SoftEstimate) -> Rival:
     return Rival(log, found, cost_of(log, found) + slips.SLIP_ODDS * slipped + choice * freed)
 
 
-def with_a_slip(log: Log, fit: Fit) -> list[Rival]:
+def with_a_slip(log: Log, fit: Fit, everywhere: bool) -> list[Rival]:
     """Estimates of a log of which one step has slipped, for every step that can be judged.
 
     Each part of the log lies where it does in a map of the longer one. It does so for a slip at
     any step nearby, so one of each group is asked, and EM tells it from its neighbours.
+
+    Parameters
+    ----------
+    everywhere : ask all steps; else the first and the last one, behind which one scan lies only
     """
     longest, told = log.ranges.max(initial=0.0), log.odometry_covariances
     found = []
-    for steps in _neighbours(log.n_poses - 1):
+    groups = _neighbours(log.n_poses - 1)
+    for steps in groups if everywhere else [*groups[:1], *groups[1:][-1:]]:
         paths = _two_parts(log, steps[len(steps) // 2], fit, longest)
         if paths is None:
             continue
@@ -184,13 +189,18 @@ def _carried(poses: np.ndarray, at: np.ndarray, to: np.ndarray) -> np.ndarray:
     return relocalisation.moved(np.vstack([at, poses]), to)[1:]
 
 
-def differ(log: Log, one: SoftEstimate, other: SoftEstimate) -> bool:
-    """Are two estimates not the same, by the first one's own covariance, or in a landmark?"""
+def differ(log: Log, one: SoftEstimate, other: SoftEstimate, sure: np.ndarray) -> bool:
+    """Is another estimate farther off than the first one expects of the truth, or in a landmark?
+
+    Parameters
+    ----------
+    sure : (K,) bool, landmarks that the first one does not call in doubt
+    """
     if not len(log.ranges):
         return False
     moved = one.poses[:, :2] - other.poses[:, :2]
     squared = np.einsum("ti,tij,tj->t", moved, np.linalg.inv(one.position_covariances), moved)
     places = np.linalg.norm(one.landmarks - other.landmarks, axis=1)
-    far = (places > APART * np.median(log.range_sigmas)).any()
+    far = places > APART * np.median(log.range_sigmas)
     absent = np.isnan(one.landmarks[:, 0]) != np.isnan(other.landmarks[:, 0])
-    return bool(squared.mean() > 1.0 or far or absent.any())
+    return bool(squared.mean() > 2.0 or ((far | absent) & sure).any())
