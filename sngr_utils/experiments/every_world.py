@@ -194,9 +194,8 @@ def _diagnosis(found: estimator.OnlineEstimate) -> dict:
     return {
         "doubtful": int(told.doubtful), "reasons": "; ".join(told.reasons), "p_found": found.p,
         "clutter_found": found.clutter, "unexplained": told.unexplained,
-        "worst_run": told.worst_run, "surprise": told.surprise, "residual": told.residual,
-        "odometry": told.odometry, "worst_step": told.worst_step,
-        "rival": min(told.rival, NO_RIVAL), "slips": found.counts["slips"],
+        "worst_run": told.worst_run, "residual": told.residual, "worst_step": told.worst_step,
+        "vague": told.vague, "rival": min(told.rival, NO_RIVAL), "slips": found.counts["slips"],
     }  # fmt: skip
 
 

@@ -1,8 +1,8 @@
 """What a result says of itself, without the truth: does it explain what was measured?
 
-Everything is a number that is known for a sound estimate: ranges that nothing explains are spread
-evenly, what is predicted errs as it says, odometry is missed by its noise, and no other estimate
-of the same data is as likely.
+Ranges that nothing explains are spread evenly over a sound estimate's poses, the steps of the
+odometry are missed by their noise, no other estimate of the same data is nearly as likely, and
+the places are known well enough to tell one landmark's ranges from another's.
 """
 
 from dataclasses import dataclass
@@ -10,24 +10,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from sngr_utils.online.data_association import VAGUE
 from sngr_utils.robust import association
 from sngr_utils.robust.em import SoftEstimate
 from sngr_utils.world.dead_reckoning import relative_motion, wrap_angle
-from sngr_utils.world.log import Log
+from sngr_utils.world.log import NO_LABEL, Log
 
-MEDIAN = stats.chi2.ppf(0.5, 1)  # of a squared normalised innovation
-RUN = 3  # consecutive poses whose ranges are looked at together
-
-# Set on development worlds of the kinds of `experiments.every_world`, seeds 100 to 119, so that
-# few sound estimates are outside; on other worlds the study says how many are, and how many lost
-# ones are not.
-MOST_UNEXPLAINED = 0.27
-RARE_RUN = 0.05
-MOST_SURPRISE = 6.0
-MOST_RESIDUAL = 1.6
-MOST_MISSED = 0.55
-WORST_STEP = 10.0
-LEAST_RIVAL = 3.0  # nats
+RUNS = (3, 6, 12)  # consecutive poses whose ranges are looked at together
+MOST_UNEXPLAINED = 0.5  # share of the ranges: the majority must be from a landmark
+RARE = 0.01  # p-value that is no chance
+POSSIBLE = 0.5  # and one that is worth a question
+MOST_RESIDUAL = 1.6  # variance of ranges over what is told: a sigma that is told a fifth too small
+LEAST_RIVAL = 3.0  # nats: odds of twenty to one
 
 
 class DoubtWarning(UserWarning):
@@ -41,99 +35,93 @@ class Diagnosis:
     Attributes
     ----------
     unexplained : share of the ranges that is assigned to no landmark
-    worst_run : p-value of the run of `RUN` poses with the most of them, for as many runs as there
-        are, if they were spread evenly
-    surprise : median squared normalised innovation of assigned ranges of the last third of the
-        poses, predicted before they were used, over that of a chi-square; 1 if all is well
+    worst_run : p-value of the run of `RUNS` poses with the most of them, see `worst_run`
     residual : mean squared normalised residual of what is assigned, per degree of freedom
-    odometry : the same of trusted steps, squared error over its covariance, 3 degrees each
-    worst_step : squared normalised error of the worst trusted step
+    worst_step : p-value of the worst step of the odometry that is trusted, for as many as there are
     rival : by how much the best other estimate is less likely, [nats]; infinite if there is none
+    vague : sigma of a position, over the poses in the mean square, in range sigmas
     reasons : in words; empty if there is no doubt
     """
 
     unexplained: float
     worst_run: float
-    surprise: float
     residual: float
-    odometry: float
     worst_step: float
     rival: float
-
-    @property
-    def misfits(self) -> tuple[str, ...]:
-        """What of the data the estimate does not explain, in words."""
-        tests = {
-            f"{self.unexplained:.0%} of the ranges fit nothing":
-                self.unexplained > MOST_UNEXPLAINED,
-            f"some poses have too many ranges that fit nothing (p {self.worst_run:.0e})":
-                self.worst_run < RARE_RUN,
-            f"residuals are {self.residual:.1f} times the noise": self.residual > MOST_RESIDUAL,
-            f"odometry is missed by {self.odometry:.1f} times its noise":
-                self.odometry > MOST_MISSED,
-            f"a step is missed by {self.worst_step**0.5:.1f} sigmas": self.worst_step > WORST_STEP,
-        }  # fmt: skip
-        return tuple(misfit for misfit, holds in tests.items() if holds)
+    vague: float
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """What there is to doubt, in words."""
         tests = {
-            f"ranges err {self.surprise:.1f} times as predicted": self.surprise > MOST_SURPRISE,
+            f"{self.unexplained:.0%} of the ranges fit nothing":
+                self.unexplained > MOST_UNEXPLAINED,
+            f"some poses have too many ranges that fit nothing (p {self.worst_run:.0e})":
+                self.worst_run < RARE,
+            f"residuals are {self.residual:.1f} times the noise": self.residual > MOST_RESIDUAL,
+            f"a step of the odometry is missed (p {self.worst_step:.0e})": self.worst_step < RARE,
             f"another estimate is less likely by {self.rival:.1f} nats only":
                 self.rival < LEAST_RIVAL,
+            f"positions err by {self.vague:.0f} range sigmas": self.vague > VAGUE,
         }  # fmt: skip
-        return self.misfits + tuple(reason for reason, holds in tests.items() if holds)
+        return tuple(reason for reason, holds in tests.items() if holds)
 
     @property
     def doubtful(self) -> bool:
         return len(self.reasons) > 0
 
 
-def diagnose(
-    log: Log, told: np.ndarray, found: SoftEstimate, predicted: list[np.ndarray], rival: float
-) -> Diagnosis:
+def diagnose(log: Log, told: np.ndarray, found: SoftEstimate, rival: float) -> Diagnosis:
     """What there is to doubt of an estimate.
 
     Parameters
     ----------
     told : (T-1, 3, 3) covariances of the odometry as measured
-    predicted : squared normalised innovations of the assigned ranges of each pose
     rival : see `Diagnosis`
     """
     none = found.weights[:, -1]
     residuals = association.residuals(log, found.poses, found.landmarks)
     squared = np.nansum(found.responsibilities * (residuals / log.range_sigmas[:, None]) ** 2)
     freedom = (1 - none).sum() - 2 * np.isfinite(found.landmarks[:, 0]).sum()
-    recent = np.concatenate([np.empty(0), *predicted[-max(log.n_poses // 3, 1) :]])
-    odometry, worst_step = steps_missed(log, told, found.poses)
+    spread = np.sqrt(found.position_covariances.trace(axis1=1, axis2=2).mean() / 2)
+    sigma = np.median(log.range_sigmas) if len(log.ranges) else np.inf
     return Diagnosis(
         unexplained=float(none.mean()) if len(none) else 0.0,
         worst_run=worst_run(log, none),
-        surprise=float(np.median(recent) / MEDIAN) if len(recent) else 1.0,
         residual=float(squared / freedom) if freedom > 0 else 1.0,
-        odometry=odometry,
-        worst_step=worst_step,
+        worst_step=worst_step(log, told, found.poses),
         rival=float(rival),
+        vague=float(spread / sigma),
     )
 
 
-def worst_run(log: Log, weights_none: np.ndarray) -> float:
-    """p-value of the run of poses with the most ranges that fit nothing, see `Diagnosis`."""
+def worst_run(log: Log, bad: np.ndarray, lengths: tuple[int, ...] = RUNS) -> float:
+    """p-value of the run of poses with the most bad ranges, if they were spread evenly.
+
+    For as many runs as there are; they overlap, so that it is too large rather than too small.
+
+    Parameters
+    ----------
+    bad : (M,) of each range, from 0 to 1
+    lengths : of the runs, in poses
+    """
     if len(log.ranges) == 0:
         return 1.0
-    share = (weights_none.sum() + 0.5) / (len(weights_none) + 1)
-    kernel = np.ones(min(RUN, log.n_poses))
-    none, all_ = (
-        np.convolve(np.bincount(log.pose_of, w, minlength=log.n_poses), kernel, "valid")
-        for w in (weights_none, np.ones(len(weights_none)))
-    )
-    tails = stats.binom.sf(np.round(none) - 1, all_.astype(int), share)
+    share = (bad.sum() + 0.5) / (len(bad) + 1)
+    bads = np.bincount(log.pose_of, bad, minlength=log.n_poses)
+    counts, tails = np.bincount(log.pose_of, minlength=log.n_poses), []
+    for kernel in (np.ones(min(length, log.n_poses)) for length in lengths):
+        some, all_ = (np.convolve(each, kernel, "valid") for each in (bads, counts))
+        tails.append(stats.binom.sf(np.round(some) - 1, np.round(all_), share))
+    tails = np.concatenate(tails)
     return float(min(1.0, tails.min() * len(tails)))
 
 
-def steps_missed(log: Log, told: np.ndarray, poses: np.ndarray) -> tuple[float, float]:
-    """Mean and largest squared normalised error of the steps of the odometry that are trusted.
+def worst_step(log: Log, told: np.ndarray, poses: np.ndarray) -> float:
+    """p-value of the worst step of the odometry that is trusted, see `Diagnosis`.
+
+    An estimate follows its odometry, so that it misses it by less than the noise: the value is
+    too large rather than too small.
 
     Parameters
     ----------
@@ -141,8 +129,23 @@ def steps_missed(log: Log, told: np.ndarray, poses: np.ndarray) -> tuple[float, 
     """
     trusted = (log.odometry_covariances == told).all(axis=(1, 2))
     if not trusted.any():
-        return 0.0, 0.0
+        return 1.0
     missed = (relative_motion(poses) - log.odometry)[trusted]
     missed[:, 2] = wrap_angle(missed[:, 2])
     squared = np.einsum("ti,tij,tj->t", missed, np.linalg.inv(told[trusted]), missed)
-    return float(squared.mean() / 3), float(squared.max())
+    return float(min(1.0, stats.chi2.sf(squared.max(), 3) * len(squared)))
+
+
+def may_have_slipped(log: Log, told: np.ndarray, found: SoftEstimate) -> bool:
+    """Is it worth while to ask which step has slipped?
+
+    A step that did is wide already, or missed, or wrong labels explain the poses on its other
+    side: they come in a run, perhaps of one pose.
+    """
+    right = found.weights[np.arange(len(log.ranges)), log.label_of]
+    right[log.label_of == NO_LABEL] = 1 - found.weights[log.label_of == NO_LABEL, -1]
+    return bool(
+        (log.odometry_covariances != told).any()
+        or worst_step(log, told, found.poses) < POSSIBLE
+        or worst_run(log, 1 - right, (1, *RUNS)) < POSSIBLE
+    )

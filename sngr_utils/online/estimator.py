@@ -147,7 +147,7 @@ class Online:
         self.conventions, self.settings, self.rng = conventions, settings, rng
         self.belief = Belief(first)
         self.filtered = [self.belief.poses[-1]]
-        self.last_batch, self.held_out = 0, []
+        self.last_batch = 0
         if settings.p is not None:
             self.belief.shares = PRIOR._replace(wrong=settings.p)
 
@@ -164,7 +164,7 @@ class Online:
         if settings.doubt_odometry:
             slips.find_robot(belief, settings.nested, rng=self.rng)
         belief.solve()
-        predicted = self._assign(newest_only=not settings.sweep)
+        self._assign(newest_only=not settings.sweep)
         start_landmarks(belief, settings.nested, settings.delayed, rng=self.rng)
         if settings.sweep:
             for _ in range(SWEEPS):
@@ -178,16 +178,12 @@ class Online:
         if settings.restart and self._in_trouble():
             self._restart()
         self.filtered.append(belief.poses[-1])
-        if predicted is not None and len(belief.newest):
-            used = belief.assignment.used[belief.newest]
-            squared = predicted.squared[-len(used) :][np.arange(len(used)), used]
-            self.held_out.append(squared[(used != DROPPED) & np.isfinite(squared)])
 
-    def _assign(self, newest_only: bool = False) -> data_association.Innovations | None:
-        """Assign the ranges anew; returns their innovations, as they were before."""
+    def _assign(self, newest_only: bool = False) -> None:
+        """Assign the ranges anew."""
         belief, settings = self.belief, self.settings
         if not belief.present.any() or len(belief.log.ranges) == 0:
-            return None
+            return
         found = belief.innovations(belief.covariance())
         assignment = data_association.decide(
             belief.log,
@@ -204,7 +200,6 @@ class Online:
             used[belief.newest] = assignment.used[belief.newest]
         belief.assignment = data_association.Assignment(belief.assignment.used, assignment.weights)
         belief.use(used)
-        return found
 
     def _shares(self, weights: np.ndarray) -> Shares:
         """Shares of wrong labels and of clutter, from ranges labelled with what is in the map."""
@@ -275,9 +270,8 @@ class Online:
         """The estimate, with its uncertainty, and what there is to doubt."""
         belief = self.belief
         graph_poses = belief.whole()[2]
-        gap = self._stand_against_rivals()
+        ours, gap = self._stand_against_rivals()
         log, told, poses, used = belief.whole()
-        ours = self._fit(log, (poses, belief.landmarks), 1.0)
         landmarks, covariances = ours.landmarks, ours.position_covariances
         if self.settings.soft:
             poses = ours.poses
@@ -298,38 +292,50 @@ class Online:
         found = OnlineEstimate(
             poses, landmarks, own, in_doubt, graph_poses, used,
             covariances, wrong, ours.shares.clutter, np.array(self.filtered),
-            belief.counts, diagnosis.diagnose(log, told, ours, self.held_out, gap),
+            belief.counts, diagnosis.diagnose(log, told, ours, gap),
         )  # fmt: skip
         if found.diagnosis.doubtful:
             warnings.warn("; ".join(found.diagnosis.reasons), DoubtWarning, stacklevel=3)
         return found
 
-    def _stand_against_rivals(self) -> float:
+    def _stand_against_rivals(self) -> tuple[em.SoftEstimate, float]:
         """Adopt the likeliest estimate of all data; by how much the next one is worse, [nats]."""
-        belief, restart = self.belief, self.settings.restart
+        belief = self.belief
         log, told, poses, _ = belief.whole()
-        ours = self._fit(log, (poses, belief.landmarks), 1.0)
-        if restart:
-            ours = rivals.renamed(log, ours, self._fit)
-        mine, gap = rivals.cost_of(log, ours), np.inf
-        found = rivals.blind(log, self._fit, poses, belief.landmarks)
-        others = [rivals.Rival(log, found, rivals.cost_of(log, found))]
-        if restart and self.settings.doubt_odometry and log.n_poses <= 2 * WINDOW:
-            best = min((ours, found), key=lambda one: rivals.cost_of(log, one))
-            misfits = diagnosis.diagnose(log, told, best, self.held_out, np.inf).misfits
-            if misfits or belief.slipped.any():
-                slipped = rivals.with_a_slip(log.with_covariances(told), self._fit)
-                others += [slipped] if slipped else []
-        for rival in sorted(others, key=lambda one: one.cost):
-            different = rivals.differ(log, ours, rival.found)
-            if restart and rival.cost < mine - BETTER:
-                belief.counts["batch restarts"] += different
-                gap = mine - rival.cost if different else gap
-                log, ours, mine = rival.log, rival.found, rival.cost
-            elif different:
-                gap = min(gap, max(rival.cost - mine, 0.0))
-        self._adopt(log, told, ours)
-        return float(gap)
+        ours = rivals.rival(log, told, self._fit(log, (poses, belief.landmarks), 1.0))
+        others = self._rivals(log, told, ours.found)
+        best = min([ours, *others], key=lambda one: one.cost) if self.settings.restart else ours
+        if best.cost > ours.cost - BETTER:
+            best = ours
+        turned = belief.counts["landmarks turned over"]
+        self._adopt(best.log, told, best.found)
+        sure = ~belief.in_doubt
+        different = [
+            one for one in (ours, *others) if rivals.differ(log, best.found, one.found, sure)
+        ]
+        belief.counts["batch restarts"] += any(one is ours for one in different)
+        gap = min((one.cost for one in different), default=np.inf) - best.cost
+        kept = belief.present == np.isfinite(best.found.landmarks[:, 0])
+        if kept.all() and belief.counts["landmarks turned over"] == turned:
+            return best.found, max(gap, 0.0)
+        log, _, poses, _ = belief.whole()
+        return self._fit(log, (poses, belief.landmarks), 1.0), max(gap, 0.0)
+
+    def _rivals(self, log: Log, told: np.ndarray, ours: em.SoftEstimate) -> list[rivals.Rival]:
+        """Other estimates of the whole: from nothing, and with fewer or other slips."""
+        belief, places = self.belief, ours.landmarks
+        found = [rivals.renamed(log, ours, self._fit)]
+        found.append(rivals.blind(log, self._fit, ours.poses, places))
+        others = [rivals.rival(log, told, each) for each in found]
+        plain = log.with_covariances(told)
+        if belief.slipped.any():
+            found = rivals.blind(plain, self._fit, ours.poses, places)
+            others.append(rivals.rival(plain, told, found))
+        if self.settings.doubt_odometry and log.n_poses <= 2 * WINDOW:
+            best = min(others, key=lambda one: one.cost)
+            asked = diagnosis.may_have_slipped(best.log, told, best.found) or belief.slipped.any()
+            others += rivals.with_a_slip(plain, self._fit, bool(asked))
+        return others
 
     def _vague(self) -> np.ndarray:
         """(K,) bool, landmarks that are nowhere well enough to tell their ranges from others'."""

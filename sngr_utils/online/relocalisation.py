@@ -19,7 +19,7 @@ from sngr_utils.world.dead_reckoning import wrap_angle
 from sngr_utils.world.log import Log
 
 HEADINGS = 48  # on the grid of a heading that is not known
-SINGLE, REFINED = 60, 8  # starts kept by the ranges of one scan, and by those of all
+SINGLE, REFINED = 20, 4  # starts kept by the ranges of one scan, and by those of all
 WIDTHS = (3.0, 2.0, 1.5, 1.0, 1.0, 1.0)  # range sigmas of the refinement, step by step
 
 
@@ -89,11 +89,9 @@ def search(
         mine = np.flatnonzero(part.scan_of == pivot)
         places = _crossings(part, mine)
         best = _best(_alone(part, mine), np.pad(places, ((0, 0), (0, 1))), SINGLE)
-        offset = part.offsets[mine[0]]
-        starts = np.array(
-            [[*(place[:2] - _rotation(heading) @ offset), heading] for place in best
-             for heading in headings]
-        )  # fmt: skip
+        arms = np.array([_rotation(heading) for heading in headings]) @ part.offsets[mine[0]]
+        firsts = best[:, None, :2] - arms
+        starts = np.column_stack([firsts.reshape(-1, 2), np.tile(headings, len(best))])
     found = [refined(part, start, mean, sigmas) for start in _best(part, starts, REFINED)]
     return max(found, key=lambda one: one.log_evidence)
 

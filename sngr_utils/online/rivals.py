@@ -20,6 +20,7 @@ from sngr_utils.world.dead_reckoning import dead_reckoning
 from sngr_utils.world.log import NO_LABEL, Log
 
 SCANS = 8  # next to the slip, by which the shorter part is localised
+STRIDE = 4  # steps for which the parts before and after are placed once
 OPEN = 0.5  # probability of no landmark that frees a range for one that starts again
 MANY = 0.1  # share of the ranges that no landmark explains
 APART = 5.0  # range sigmas, between two places of a landmark that are not the same
@@ -96,25 +97,62 @@ def renamed(log: Log, found: SoftEstimate, fit: Fit) -> SoftEstimate:
     return min(found, other, key=lambda one: cost_of(log, one))
 
 
-def with_a_slip(log: Log, fit: Fit) -> Rival | None:
-    """The likeliest estimate of a log of which one step has slipped; None if none can be made."""
-    longest = log.ranges.max(initial=0.0)
-    price = slips.SLIP_ODDS + 3 * np.log(longest / np.median(log.range_sigmas))
-    rivals = []
-    for step in range(log.n_poses - 1):
-        start = _put_together(log, step, fit, longest)
-        if start is None:
+def rival(log: Log, told: np.ndarray, found: SoftEstimate) -> Rival:
+    """An estimate of a log, some of whose steps are wider than told.
+
+    What such a step can choose costs as a landmark does: the scene is as wide as the longest
+    range, and the ranges hold it as finely as one of them does.
+    """
+    wide = log.odometry_covariances != told
+    slipped, freed = wide.any(axis=(1, 2)).sum(), np.einsum("tii->ti", wide).sum()
+    if not slipped:
+        return Rival(log, found, cost_of(log, found))
+    choice = np.log(log.ranges.max(initial=0.0) / np.median(log.range_sigmas))
+    return Rival(log, found, cost_of(log, found) + slips.SLIP_ODDS * slipped + choice * freed)
+
+
+def with_a_slip(log: Log, fit: Fit, everywhere: bool) -> list[Rival]:
+    """Estimates of a log of which one step has slipped, for every step that can be judged.
+
+    Each part of the log lies where it does in a map of the longer one. It does so for a slip at
+    any step nearby, so one of each group is asked, and EM tells it from its neighbours.
+
+    Parameters
+    ----------
+    everywhere : ask all steps; else the first and the last one, behind which one scan lies only
+    """
+    longest, told = log.ranges.max(initial=0.0), log.odometry_covariances
+    found = []
+    groups = _neighbours(log.n_poses - 1)
+    for steps in groups if everywhere else [*groups[:1], *groups[1:][-1:]]:
+        paths = _two_parts(log, steps[len(steps) // 2], fit, longest)
+        if paths is None:
             continue
-        wide = log.odometry_covariances.copy()
-        wide[step] = np.diag([longest**2, longest**2, TURNED**2])
-        slipped = log.with_covariances(wide)
-        found = fit(slipped, start, 1.0)
-        rivals.append(Rival(slipped, found, cost_of(slipped, found) + price))
-    return min(rivals, key=lambda rival: rival.cost) if rivals else None
+        early, late, places = paths
+        for step in steps:
+            wide = told.copy()
+            wide[step] = np.diag([longest**2, longest**2, TURNED**2])
+            slipped = log.with_covariances(wide)
+            start = np.vstack([early[: step + 1], late[step + 1 :]])
+            found.append(rival(slipped, told, fit(slipped, (start, places), growing_map.LAST)))
+    return found
 
 
-def _put_together(log: Log, step: int, fit: Fit, longest: float):
-    """Poses and landmarks, one part of the log localised in the map of the other; None if vain."""
+def _neighbours(n: int) -> list[np.ndarray]:
+    """Steps 0 to n-1 in groups of at most `STRIDE`, no longer than the way to either end."""
+    groups, first = [], 0
+    while first < n:
+        length = min(STRIDE, max(first, 1), max((n - first) // 2, 1))
+        groups.append(np.arange(first, first + length))
+        first += length
+    return groups
+
+
+def _two_parts(log: Log, step: int, fit: Fit, longest: float):
+    """(T, 3) paths as they were if only the first part of a log, or only the second, were right.
+
+    The longer part makes the (K, 2) map, and the other is localised in it; None if that is vain.
+    """
     early, late = log.first(step + 1), log.after(step + 1)
     path = dead_reckoning(log.x0_mean, log.odometry)
     first = early.n_poses >= late.n_poses  # is it the first part that makes the map?
@@ -133,16 +171,17 @@ def _put_together(log: Log, step: int, fit: Fit, longest: float):
         near, path[from_:to], found.landmarks, np.zeros(log.n_landmarks), found.shares
     )
     joint = step if first else step + 1
-    mean = _carried(path[from_ : from_ + 1], path[joint], found.poses[-1 if first else 0])[0]
+    long = _carried(path, path[joint], found.poses[-1 if first else 0])
+    long[slice(step + 1) if first else slice(step + 1, None)] = found.poses
     sigmas = np.array([longest, longest, TURNED])
     pivot = int(np.argmax(np.bincount(near.pose_of)))
-    unknown = np.zeros(2, dtype=bool)
-    pose = relocalisation.search(part, mean, sigmas, unknown, pivot).pose
+    pose = relocalisation.search(part, long[from_], sigmas, np.zeros(2, dtype=bool), pivot).pose
+    short = _carried(path, path[from_], pose)
     if first:
-        return np.vstack([found.poses, _carried(path[from_:], path[from_], pose)]), found.landmarks
-    poses = np.vstack([_carried(path[:to], path[from_], pose), found.poses])
+        return long, short, found.landmarks
     places = np.column_stack([found.landmarks, np.zeros(log.n_landmarks)])
-    return (_carried(poses, poses[0], log.x0_mean), _carried(places, poses[0], log.x0_mean)[:, :2])
+    early, late, places = (_carried(each, short[0], log.x0_mean) for each in (short, long, places))
+    return early, late, places[:, :2]
 
 
 def _carried(poses: np.ndarray, at: np.ndarray, to: np.ndarray) -> np.ndarray:
@@ -150,13 +189,18 @@ def _carried(poses: np.ndarray, at: np.ndarray, to: np.ndarray) -> np.ndarray:
     return relocalisation.moved(np.vstack([at, poses]), to)[1:]
 
 
-def differ(log: Log, one: SoftEstimate, other: SoftEstimate) -> bool:
-    """Are two estimates not the same, by the first one's own covariance, or in a landmark?"""
+def differ(log: Log, one: SoftEstimate, other: SoftEstimate, sure: np.ndarray) -> bool:
+    """Is another estimate farther off than the first one expects of the truth, or in a landmark?
+
+    Parameters
+    ----------
+    sure : (K,) bool, landmarks that the first one does not call in doubt
+    """
     if not len(log.ranges):
         return False
     moved = one.poses[:, :2] - other.poses[:, :2]
     squared = np.einsum("ti,tij,tj->t", moved, np.linalg.inv(one.position_covariances), moved)
     places = np.linalg.norm(one.landmarks - other.landmarks, axis=1)
-    far = (places > APART * np.median(log.range_sigmas)).any()
+    far = places > APART * np.median(log.range_sigmas)
     absent = np.isnan(one.landmarks[:, 0]) != np.isnan(other.landmarks[:, 0])
-    return bool(squared.mean() > 1.0 or far or absent.any())
+    return bool(squared.mean() > 2.0 or ((far | absent) & sure).any())

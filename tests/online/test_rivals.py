@@ -48,30 +48,37 @@ def test_a_landmark_that_is_absent_or_astray_is_found(drawn, best, lost):
 
 
 def test_estimates_differ_by_what_their_covariance_says_or_in_a_landmark(drawn, best):
-    log = drawn.log(C.x0_sigmas)
+    log, sure = drawn.log(C.x0_sigmas), np.ones(6, dtype=bool)
     other = partial(replace, best)
     metre = np.array([1.0, 0.0, 0.0])
-    assert not rivals.differ(log, best, other(poses=best.poses + 0.001 * metre))
-    assert rivals.differ(log, best, other(poses=best.poses + metre))
+    assert not rivals.differ(log, best, other(poses=best.poses + 0.001 * metre), sure)
+    assert rivals.differ(log, best, other(poses=best.poses + metre), sure)
     elsewhere, absent = best.landmarks.copy(), best.landmarks.copy()
     elsewhere[3] += 0.6
     absent[3] = np.nan
-    assert rivals.differ(log, best, other(landmarks=elsewhere))
-    assert rivals.differ(log, best, other(landmarks=absent))
+    for places in (elsewhere, absent):
+        assert rivals.differ(log, best, other(landmarks=places), sure)
+        assert not rivals.differ(log, best, other(landmarks=places), np.arange(6) != 3)
 
 
-@pytest.mark.parametrize("step", [1, 27])
-def test_a_slip_near_either_end_is_found_from_nothing(step):
+@pytest.mark.parametrize("step", [0, 1, 14, 27])
+def test_a_slip_at_any_step_is_found_from_nothing(step):
     """As likely as from the truth, in 30 poses: the longer part makes the map."""
     sound = simulation.simulate(scenario.Scenario(), 0.2, rng=np.random.default_rng(102))
     odometry = sound.odometry.copy()
     odometry[step] += [3.0, -2.0, 0.4]
     log = replace(sound, odometry=odometry).log(C.x0_sigmas)
-    longest = log.ranges.max()
-    start = rivals._put_together(log, step, fit, longest)
-    wide = log.odometry_covariances.copy()
-    wide[step] = np.diag([longest**2, longest**2, 1.0])
-    found = fit(log.with_covariances(wide), start, 1.0)
-    best = fit(log.with_covariances(wide), (sound.poses, sound.landmarks), 1.0)
-    costs = [rivals.cost_of(log.with_covariances(wide), one) for one in (found, best)]
-    assert costs[0] < costs[1] + 1
+    wide, longest = log.odometry_covariances.copy(), log.ranges.max()
+    wide[step] = np.diag([longest**2, longest**2, np.pi**2 / 4])
+    slipped = log.with_covariances(wide)
+    truth = fit(slipped, (sound.poses, sound.landmarks), 1.0)
+    least = rivals.rival(slipped, log.odometry_covariances, truth).cost
+    assert least > rivals.cost_of(slipped, truth) + 3 * np.log(longest / 0.1)
+    assert min(one.cost for one in rivals.with_a_slip(log, fit, True)) < least + 0.1
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 3, 7, 29, 118])
+def test_every_step_is_in_one_group_of_neighbours(n):
+    groups = rivals._neighbours(n)
+    assert np.concatenate([[], *groups]).tolist() == list(range(n))
+    assert max(map(len, groups), default=0) <= rivals.STRIDE
