@@ -8,7 +8,7 @@ import numpy as np
 
 from sngr_utils.files import formats, plaza
 from sngr_utils.files.recording import Recording
-from sngr_utils.metrics.alignment import aligned_errors, aligned_rmse, rigid
+from sngr_utils.metrics.alignment import aligned_errors, aligned_rmse, incremental_rmse, rigid
 from sngr_utils.metrics.rmse_and_nees import nees
 from sngr_utils.robust import growing_map, losses
 from sngr_utils.robust.association import NEGLIGIBLE
@@ -16,6 +16,7 @@ from sngr_utils.robust.growing_map import GrownMap
 from sngr_utils.slam import chain_problem, chain_solver
 from sngr_utils.slam.aligned_covariance import aligned_covariances
 from sngr_utils.slam.landmark_starts import start_landmarks
+from sngr_utils.slam.range_loss import LEAST_SQUARES
 from sngr_utils.world.dead_reckoning import dead_reckoning
 from sngr_utils.world.log import NO_LABEL, Log
 from sngr_utils.world.truth import Truth
@@ -25,6 +26,7 @@ SETS = ("Plaza2", "Plaza1")
 OTHER = dict(zip(SETS, reversed(SETS), strict=True))  # the same radios on another day
 BATCH = ("least_squares", "huber", "cauchy")
 FAR = 5.0  # m, a held-out error that is told apart
+INCREMENT = 10.0  # m of way, over which an incremental error is taken
 CLUTTER, STRETCHED = 0.6, 1.2  # provoked: share of ranges from nothing, factor on all ranges
 NAMELESS = ("no labels", "shuffled")  # labels that do not tell landmarks apart
 KINDS = ("labels", "no labels", "clutter", "shuffled", "stretched", "cut")
@@ -56,7 +58,7 @@ def run_plaza(name: str, kind: str, p: float, seed: int) -> list[dict]:
     rows = []
     if kind == "labels":
         for method, poses in _batch(log):
-            rows.append({**head, "method": method, **_path_errors(log, truth, poses)})
+            rows.append({**head, "method": method, **path_errors(log, truth, poses)})
     grown = growing_map.estimate(log)
     rows.append({
         **head,
@@ -108,13 +110,36 @@ def _batch(log: Log) -> list[tuple[str, np.ndarray]]:
     return found
 
 
-def _path_errors(log: Log, truth: Truth, poses: np.ndarray) -> dict:
-    """Aligned RMSE over the poses that have ranges, and over all, [m]."""
+def path_errors(log: Log, truth: Truth, poses: np.ndarray) -> dict:
+    """Aligned RMSE over the poses that have ranges, and over all; and incremental, [m]."""
     heard = np.unique(log.pose_of)
+    ours, theirs = poses[heard, :2], truth.poses[heard, :2]
     return {
-        "rmse": aligned_rmse(poses[heard, :2], truth.poses[heard, :2]),
-        "rmse_everywhere": aligned_rmse(poses[:, :2], truth.poses[:, :2]),
+        "rmse": heard_rmse(log, truth, poses),
+        "rmse_everywhere": aligned_rmse(poses[:, :2], truth.poses[: len(poses), :2]),
+        "incremental": incremental_rmse(ours, theirs, INCREMENT),
     }
+
+
+def heard_rmse(log: Log, truth: Truth, poses: np.ndarray) -> float:
+    """Aligned RMSE over the poses that have ranges, [m].
+
+    All methods are compared so: what they say of a silence of minutes is odometry.
+    """
+    heard = np.unique(log.pose_of)
+    return aligned_rmse(poses[heard, :2], truth.poses[heard, :2])
+
+
+def told_truly(log: Log, truth: Truth) -> Log:
+    """The log with the true label of each range, without ranges from nothing: the oracle's."""
+    sources = truth.source_of[: len(log.ranges)]
+    return replace(log, label_of=sources, label_probabilities=None).keep(sources != NO_LABEL)
+
+
+def least_squares(log: Log, poses: np.ndarray, landmarks: np.ndarray) -> chain_solver.Estimate:
+    """Labels believed, nothing known of the landmarks, from a start."""
+    chain = chain_problem.of_log(log, landmarks, growing_map.WIDE * float(log.ranges.max()))
+    return chain_solver.solve(chain, poses, landmarks, LEAST_SQUARES, chain_solver.CERES)
 
 
 def judged(grown: GrownMap, log: Log, truth: Truth, named: bool) -> dict:
@@ -130,11 +155,15 @@ def judged(grown: GrownMap, log: Log, truth: Truth, named: bool) -> dict:
         credited = _renamed(credited, truth.source_of, log.n_landmarks)
     right = used & (credited == truth.source_of)
     heard = np.unique(log.pose_of)
-    errors = aligned_errors(soft.poses[heard, :2], truth.poses[heard, :2])
     calibration, sigmas = _calibration(grown)
+    chain = chain_problem.weighted(soft.chain, soft.responsibilities, 1.0, NEGLIGIBLE)
+    at = chain_solver.state_of(chain, soft.poses, soft.landmarks)
+    at = at._replace(calibration=soft.calibration)
+    oracle = least_squares(told_truly(noise.log, truth), soft.poses, soft.landmarks)
     return {
-        **_path_errors(log, truth, soft.poses),
-        "nees": _aligned_nees(grown, heard, errors, truth),
+        **path_errors(log, truth, soft.poses),
+        "oracle": heard_rmse(log, truth, oracle.poses),
+        "nees": aligned_nees(chain, at, soft.position_covariances, heard, truth),
         "precision": float(right.sum() / max(used.sum(), 1)),
         "recall": float(right.sum() / np.count_nonzero(truth.source_of != NO_LABEL)),
         "share_wrong": soft.shares.wrong,
@@ -155,14 +184,18 @@ def _calibration(grown: GrownMap) -> tuple[list[float], list[float]]:
     return grown.soft.calibration.tolist(), np.sqrt(np.diagonal(covariance)).tolist()
 
 
-def _aligned_nees(grown: GrownMap, heard: np.ndarray, errors: np.ndarray, truth: Truth) -> float:
-    soft = grown.soft
-    chain = chain_problem.weighted(soft.chain, soft.responsibilities, 1.0, NEGLIGIBLE)
-    at = chain_solver.state_of(chain, soft.poses, soft.landmarks)
-    at = at._replace(calibration=soft.calibration)
-    rotation, _ = rigid(soft.poses[heard, :2], truth.poses[heard, :2])
-    found = aligned_covariances(chain, at, soft.position_covariances, heard)
-    return nees(errors, rotation @ found @ rotation.T)
+def aligned_nees(
+    chain: chain_problem.Chain,
+    at: chain_solver.State,
+    covariances: np.ndarray,
+    heard: np.ndarray,
+    truth: Truth,
+) -> float:
+    """NEES of the positions of some poses after their alignment; see `aligned_covariances`."""
+    estimate, true = at.frames[heard, :2], truth.poses[heard, :2]
+    rotation, _ = rigid(estimate, true)
+    found = aligned_covariances(chain, at, covariances, heard)
+    return nees(aligned_errors(estimate, true), rotation @ found @ rotation.T)
 
 
 def _renamed(credited: np.ndarray, sources: np.ndarray, n_landmarks: int) -> np.ndarray:

@@ -1,8 +1,9 @@
 """The online estimator on the Plaza sets, with its parts and without some of them.
 
-What the radios are like, scale, offset and noise, is handed to it as found without truth in the
-*other* set: the same radios on another day. How the odometry errs differs between the sets, and is
-found in the first poses of the drive itself, with its wrong labels.
+What the radios are like is first believed as found without truth in the *other* set, the same
+radios on another day; scale and offset stay as open as a set leaves them, and are found on the
+way. How the odometry errs differs between the sets, and is found in the first poses of the drive
+itself, with its wrong labels.
 """
 
 import functools
@@ -13,14 +14,17 @@ import numpy as np
 
 from sngr_utils.experiments import real_data
 from sngr_utils.files import plaza
-from sngr_utils.metrics.alignment import aligned_rmse
-from sngr_utils.online import estimator
+from sngr_utils.online import calibration, estimator
 from sngr_utils.online.diagnosis import DoubtWarning
 from sngr_utils.robust import growing_map
+from sngr_utils.robust.association import NEGLIGIBLE
 from sngr_utils.settings import READING
+from sngr_utils.slam import chain_problem, chain_solver
 from sngr_utils.slam.conventions import PRESETS
+from sngr_utils.slam.landmark_starts import start_landmarks
 from sngr_utils.slam.noise_estimation import step_covariances
-from sngr_utils.world.log import Log
+from sngr_utils.world.dead_reckoning import dead_reckoning
+from sngr_utils.world.log import NO_LABEL, Log
 from sngr_utils.world.truth import Truth
 
 VARIANTS = {
@@ -28,6 +32,7 @@ VARIANTS = {
     "no nested sampling": {"nested": False},
     "landmarks as in the paper": {"delayed": False},
 }
+ORACLE_AT = 0.4  # share of wrong labels at which newest poses are held against an oracle's
 WARM_UP = 400  # poses, three minutes and a half or less
 PROVOKED = ("clutter", "shuffled", "stretched", "cut")  # kinds of `real_data`
 ASKED = (
@@ -58,14 +63,18 @@ def run(name: str, kind: str, p: float, seed: int, variant: str) -> list[dict]:
     rng = np.random.default_rng(seed)
     log, truth = real_data.changed(plaza.read(plaza.wheel(name)), kind, p, rng=rng)
     log, settings = (
-        calibrated(log, found_in(real_data.OTHER[name])),
+        handed(log, found_in(real_data.OTHER[name])),
         estimator.Settings(**VARIANTS[variant]),
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoubtWarning)  # kept as a column
         found = estimator.run(log, PRESETS[READING], settings, rng=rng)
     head = {"set": name, "kind": kind, "p": p, "seed": seed, "method": variant}
-    return [{**head, **judged(found, truth)}]
+    asked = kind == "labels" and p == ORACLE_AT and variant == "online"
+    oracle = (
+        real_data.heard_rmse(log, truth, filtered_oracle(log, truth)) if asked else float("nan")
+    )
+    return [{**head, **judged(found, log, truth), "filtered_oracle": oracle}]
 
 
 @functools.cache
@@ -76,8 +85,8 @@ def found_in(name: str) -> dict[str, float]:
     return real_data.judged(grown, recording.log, recording.truth, True)
 
 
-def calibrated(log: Log, found: dict[str, float]) -> Log:
-    """A log with corrected ranges, and with the noise that its first poses show.
+def handed(log: Log, found: dict[str, float]) -> Log:
+    """A log with the radios as another day's, and the odometry's noise as its first poses show.
 
     Parameters
     ----------
@@ -85,29 +94,64 @@ def calibrated(log: Log, found: dict[str, float]) -> Log:
     """
     log = replace(
         log,
-        ranges=(log.ranges - found["offset"]) / found["scale"],
-        range_sigmas=found["range_sigma"] / found["scale"],
-        scale=(1.0, 0.0),
-        offset=(0.0, 0.0),
+        range_sigmas=found["range_sigma"],
+        scale=(found["scale"], log.scale[1]),
+        offset=(found["offset"], log.offset[1]),
     )
     noise = growing_map.estimate(log.first(WARM_UP)).noise.sigmas
     return log.with_covariances(step_covariances(noise, log.odometry))
 
 
-def judged(found: estimator.OnlineEstimate, truth: Truth) -> dict:
+def calibrated(log: Log, found: dict[str, float]) -> Log:
+    """A log with corrected ranges, and with the noise that its first poses show.
+
+    Parameters
+    ----------
+    found : as for `handed`
+    """
+    known = {name: (found[name], 0.0) for name in ("scale", "offset")}
+    return calibration.of(log).corrected(handed(replace(log, **known), found))
+
+
+def filtered_oracle(log: Log, truth: Truth) -> np.ndarray:
+    """(T, 3) each pose by least squares with the true labels of all ranges up to it."""
+    log = real_data.told_truly(log, truth)
+    poses = dead_reckoning(log.x0_mean, log.odometry)
+    landmarks, newest = start_landmarks(log, poses, "grid"), [log.x0_mean]
+    path = newest[0][None]
+    for n in range(2, log.n_poses + 1):
+        ahead = dead_reckoning(path[-1], log.odometry[n - 2 : n - 1])
+        found = real_data.least_squares(log.first(n), np.vstack([path, ahead[1:]]), landmarks)
+        path, landmarks = found.poses, found.landmarks
+        newest.append(path[-1])
+    return np.array(newest)
+
+
+def judged(found: estimator.OnlineEstimate, log: Log, truth: Truth) -> dict:
     """Aligned errors [m], associations, who was asked how often, and what it says of itself."""
-    n, used = len(found.poses), found.used >= 0
-    right = used & (found.used == truth.source_of[: len(used)])
-    errors = {
-        name: aligned_rmse(poses[:, :2], truth.poses[:n, :2])
-        for name, poses in (
-            ("final", found.poses), ("graph", found.graph_poses), ("filtered", found.filtered),
-        )
-    }  # fmt: skip
+    used = found.used >= 0
+    sources = truth.source_of[: len(used)]
+    right = used & (found.used == sources)
+    final, heard = real_data.path_errors(log, truth, found.poses), np.unique(log.pose_of)
+    chain = chain_problem.of_log(log, found.landmarks, growing_map.WIDE * float(log.ranges.max()))
+    chain = chain_problem.weighted(
+        chain, np.eye(log.n_landmarks + 1)[found.used][:, :-1], 1.0, NEGLIGIBLE
+    )
+    at = chain_solver.state_of(chain, found.poses, found.landmarks)
+    at = at._replace(calibration=found.calibration)
+    oracle = real_data.least_squares(real_data.told_truly(log, truth), found.poses, found.landmarks)
     return {
-        **errors,
+        "final": final["rmse"],
+        "everywhere": final["rmse_everywhere"],
+        "incremental": final["incremental"],
+        "graph": real_data.heard_rmse(log, truth, found.graph_poses),
+        "filtered": real_data.heard_rmse(log, truth, found.filtered),
+        "oracle": real_data.heard_rmse(log, truth, oracle.poses),
+        "nees": real_data.aligned_nees(chain, at, found.position_covariances, heard, truth),
         "used": float(used.mean()),
         "right": float(right.sum() / max(used.sum(), 1)),  # of use where labels tell radios apart
+        "recall": float(right.sum() / np.count_nonzero(sources != NO_LABEL)),
+        "scale": float(found.calibration[0]),
         "share_wrong": found.p,
         "clutter": found.clutter,
         **{name.replace(" ", "_"): found.counts[name] for name in ASKED},

@@ -16,7 +16,6 @@ from gtsam.symbol_shorthand import L, X
 
 from sngr_utils.experiments import estimators, real_data, real_online
 from sngr_utils.files import plaza
-from sngr_utils.metrics.alignment import aligned_rmse
 from sngr_utils.robust import losses
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.factors import landmark_prior, pose_prior, range_factor
@@ -50,7 +49,7 @@ def run(name: str, p: float, seed: int) -> list[dict]:
     rows = []
     for method, solve in peers().items():
         found = solve(log, start)
-        rmse = aligned_rmse(found[:, :2], truth.poses[:, :2])
+        rmse = real_data.heard_rmse(log, truth, found)
         rows.append({
             "set": name, "p": p, "seed": seed, "method": method,
             "rmse": rmse if rmse < DIVERGED else float("nan"),

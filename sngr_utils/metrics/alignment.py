@@ -24,3 +24,16 @@ def aligned_errors(estimate: np.ndarray, truth: np.ndarray) -> np.ndarray:
 def aligned_rmse(estimate: np.ndarray, truth: np.ndarray) -> float:
     """Root mean square of `aligned_errors` of N positions, [m]."""
     return float(np.sqrt(np.mean(np.sum(aligned_errors(estimate, truth) ** 2, axis=1))))
+
+
+def incremental_rmse(estimate: np.ndarray, truth: np.ndarray, distance: float) -> float:
+    """By how much `aligned_errors` of N positions change over a distance of the true way, [m].
+
+    NaN where the way is shorter. Root mean square.
+    """
+    errors = aligned_errors(estimate, truth)
+    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(truth, axis=0), axis=1)))
+    ahead = np.searchsorted(way, way + distance)
+    here = np.flatnonzero(ahead < len(way))
+    changes = errors[ahead[here]] - errors[here]
+    return float(np.sqrt(np.mean(np.sum(changes**2, axis=1)))) if len(here) else float("nan")

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sngr_utils.online import data_association, diagnosis, rivals, slips
+from sngr_utils.online import calibration, data_association, diagnosis, rivals, slips
 from sngr_utils.online.belief import LOOSE, PRIOR, WINDOW, Belief, cost
 from sngr_utils.online.data_association import DROPPED
 from sngr_utils.online.diagnosis import Diagnosis, DoubtWarning
@@ -80,6 +80,7 @@ class OnlineEstimate:
     graph_poses : (T, 3) those that take the assignments for certain
     used : (M,) int, landmark each range is assigned to, -1 for none
     position_covariances : (T, 2, 2) in the world frame, [m^2]
+    calibration : (2,) range scale, and offset [m]; as the log has them where they are known
     p, clutter : shares of wrong labels and of ranges from no landmark, estimated
     filtered : (T, 3) each pose as estimated when it was the newest, [m, m, rad]
     counts : how often: "landmark questions" and "position questions" (put to many starts, by
@@ -97,6 +98,7 @@ class OnlineEstimate:
     graph_poses: np.ndarray
     used: np.ndarray
     position_covariances: np.ndarray
+    calibration: np.ndarray
     p: float
     clutter: float
     filtered: np.ndarray
@@ -142,10 +144,9 @@ class Online:
         *,
         rng: np.random.Generator,
     ) -> None:
-        if first.scale != (1.0, 0.0) or first.offset != (0.0, 0.0):
-            raise ValueError("scale and offset must be 1 and 0: correct the ranges before")
         self.conventions, self.settings, self.rng = conventions, settings, rng
-        self.belief = Belief(first)
+        self.calibration, self.next_look = calibration.of(first), calibration.FIRST
+        self.belief = Belief(self.calibration.corrected(first))
         self.filtered = [self.belief.poses[-1]]
         self.last_batch = 0
         if settings.p is not None:
@@ -159,7 +160,7 @@ class Online:
         ValueError : naming field and row, see `Log`
         """
         belief, settings = self.belief, self.settings
-        belief.predict(belief.log.following(measurements))
+        belief.predict(belief.log.following(self.calibration.corrected(measurements)))
         turn_over(belief)
         if settings.doubt_odometry:
             slips.find_robot(belief, settings.nested, rng=self.rng)
@@ -177,6 +178,8 @@ class Online:
         drop_landmarks(belief)
         if settings.restart and self._in_trouble():
             self._restart()
+        if self.calibration.open and belief.n_poses >= self.next_look and belief.present.all():
+            self._calibrate()
         self.filtered.append(belief.poses[-1])
 
     def _assign(self, newest_only: bool = False) -> None:
@@ -243,6 +246,22 @@ class Online:
         if belief.n_poses > 2 * WINDOW:
             belief.shorten()
 
+    def _calibrate(self) -> None:
+        """Range scale and offset from all data so far, poses and landmarks along with them."""
+        belief = self.belief
+        self.next_look = calibration.MORE * belief.n_poses
+        log, told, poses, _ = belief.whole()
+        found = self._fit(self.calibration.opened(log), (poses, belief.landmarks), 1.0)
+        left = calibration.of(log).after(found.calibration)
+        corrected, stretched = left.corrected(log), len(log.ranges) * np.log(left.scale)
+        least = cost(log, poses, belief.landmarks, belief.shares) + BETTER
+        if cost(corrected, found.poses, found.landmarks, found.shares) + stretched > least:
+            return
+        self.calibration = self.calibration.after(found.calibration)
+        self._adopt(corrected, told, found)
+        if belief.n_poses > 2 * WINDOW:
+            belief.shorten()
+
     def _fit(self, log: Log, start: tuple[np.ndarray, np.ndarray], widest: float):
         """EM over a log. Weak priors are wider than the scene: they are no data."""
         wide = max(self.conventions.landmark_prior_sigma, LOOSE * self.belief.longest)
@@ -269,9 +288,13 @@ class Online:
     def result(self) -> OnlineEstimate:
         """The estimate, with its uncertainty, and what there is to doubt."""
         belief = self.belief
+        if self.calibration.open:
+            self._calibrate()
         graph_poses = belief.whole()[2]
         ours, gap = self._stand_against_rivals()
         log, told, poses, used = belief.whole()
+        if self.calibration.open:
+            ours = self._fit(self.calibration.opened(log), (poses, belief.landmarks), 1.0)
         landmarks, covariances = ours.landmarks, ours.position_covariances
         if self.settings.soft:
             poses = ours.poses
@@ -291,7 +314,8 @@ class Online:
         belief.counts["swapped"] = int(np.sum((used != DROPPED) & (used != log.label_of)))
         found = OnlineEstimate(
             poses, landmarks, own, in_doubt, graph_poses, used,
-            covariances, wrong, ours.shares.clutter, np.array(self.filtered),
+            covariances, np.array([self.calibration.scale, self.calibration.offset]),
+            wrong, ours.shares.clutter, np.array(self.filtered),
             belief.counts, diagnosis.diagnose(log, told, ours, gap),
         )  # fmt: skip
         if found.diagnosis.doubtful:

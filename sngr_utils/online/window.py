@@ -21,10 +21,16 @@ LEAST_DAMPING, MOST_DAMPING, DAMPER = 1e-9, 1e6, 10.0
 class Past(NamedTuple):
     """What the poses before the window say: a Gaussian on its first pose and the landmarks.
 
+    Landmarks are taken as that pose sees them. How the whole map is turned is hardly known, its
+    shape to centimetres; in coordinates of the world a turn along the tangent would stretch it.
+
     Attributes
     ----------
-    frame, landmarks : (1, 4) and (K, 2) where it was linearised; NaN for an absent landmark
-    information, slope : (3+2K, 3+2K) and (3+2K,) of its cost there, the pose in its body frame
+    frame : (1, 4) the pose where it was linearised
+    landmarks : (K, 2) there, in the frame of the pose; NaN for an absent one
+    information, slope : (3+2K, 3+2K) and (3+2K,) of its cost there
+
+    Source: Castellanos, Martinez-Cantin, Tardos, Neira, Robotics and Autonomous Systems 55, 2007.
     """
 
     frame: np.ndarray
@@ -57,16 +63,40 @@ def without(past: Past, k: int) -> Past:
 
 
 @compile_once
+def _seen(frame, landmark):
+    """Coordinates of a landmark in a frame."""
+    x, y = landmark[0] - frame[0], landmark[1] - frame[1]
+    return frame[2] * x + frame[3] * y, frame[2] * y - frame[3] * x
+
+
+@compile_once
 def _moved(past, at):
     """(3+2K,) from where the past was linearised to a point."""
     delta = np.zeros(len(past.slope))
     frame = information.frame_at(at.frames, 0)
     delta[:3] = np.array(information.prior_residual(information.frame_at(past.frame, 0), frame))
     for k in range(len(at.landmarks)):
+        seen = _seen(frame, at.landmarks[k])
         for i in range(2):
-            step = at.landmarks[k, i] - past.landmarks[k, i]
+            step = seen[i] - past.landmarks[k, i]
             delta[3 + 2 * k + i] = 0.0 if np.isnan(step) else step
     return delta
+
+
+@compile_once
+def _by_step(frame, landmarks):
+    """(3+2K, 3+2K) how landmarks as seen move with a step of the frame and of landmarks."""
+    jacobian = np.eye(3 + landmarks.size)
+    for k in range(len(landmarks)):
+        x, y = _seen(frame, landmarks[k])
+        if np.isnan(x):
+            continue
+        i = 3 + 2 * k
+        jacobian[i, i], jacobian[i, i + 1] = frame[2], frame[3]
+        jacobian[i + 1, i], jacobian[i + 1, i + 1] = -frame[3], frame[2]
+        jacobian[i, 0], jacobian[i + 1, 1] = -1.0, -1.0
+        jacobian[i, 2], jacobian[i + 1, 2] = y, -x
+    return jacobian
 
 
 @compile_once
@@ -81,10 +111,12 @@ def cost(chain, past, at):
 def linearise(chain, past, at):
     """The system at a point whose residuals `cost` has filled."""
     system = chain_cost.linearise(chain, LEAST_SQUARES, at)
-    slope = past.slope + past.information @ _moved(past, at)
-    system.own[0] += past.information[:3, :3]
-    system.rest[0, :, 3:] += past.information[:3, 3:]
-    system.front[3:, 3:] += past.information[3:, 3:]
+    jacobian = _by_step(information.frame_at(at.frames, 0), at.landmarks)
+    slope = jacobian.T @ (past.slope + past.information @ _moved(past, at))
+    matrix = jacobian.T @ past.information @ jacobian
+    system.own[0] += matrix[:3, :3]
+    system.rest[0, :, 3:] += matrix[:3, 3:]
+    system.front[3:, 3:] += matrix[3:, 3:]
     system.slope[0] += slope[:3]
     system.pull[:] += slope[3:]
     return system
@@ -140,4 +172,8 @@ def marginalise(chain, past, at):
     for i in range(width):
         for j in range(i):
             matrix[i, j] = matrix[j, i]
-    return Past(at.frames[n:].copy(), at.landmarks.copy(), matrix, slope)
+    frame, seen = information.frame_at(at.frames, n), at.landmarks.copy()
+    for k in range(len(seen)):
+        seen[k, 0], seen[k, 1] = _seen(frame, at.landmarks[k])
+    back = np.linalg.inv(_by_step(frame, at.landmarks))
+    return Past(at.frames[n:].copy(), seen, back.T @ matrix @ back, back.T @ slope)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sngr_utils.metrics.alignment import aligned_errors, rigid
+from sngr_utils.metrics.alignment import aligned_errors, incremental_rmse, rigid
 
 
 def turned(points, angle, shift):
@@ -32,3 +32,11 @@ def test_no_other_rigid_motion_is_nearer():
     aligned = estimate @ rotation.T + shift
     for angle, dx, dy in 0.01 * rng.normal(size=(50, 3)):
         assert np.sum((turned(aligned, angle, [dx, dy]) - truth) ** 2) >= best
+
+
+def test_an_incremental_error_is_the_change_over_a_distance():
+    """A straight way whose estimate is a hundredth too long, judged over ten metres."""
+    truth = np.column_stack([np.arange(0.0, 51.0), np.zeros(51)])
+    assert abs(incremental_rmse(1.01 * truth, truth, 10.0) - 0.1) < 1e-12
+    assert incremental_rmse(turned(truth, 1.0, [2.0, 3.0]), truth, 10.0) < 1e-12
+    assert np.isnan(incremental_rmse(truth, truth, 60.0))
