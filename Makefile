@@ -13,8 +13,9 @@ JOBS ?= 2
 # Of `make mutants`: how many, and the seed of their choice.
 MUTANTS ?= 300
 SEED ?= 1
-# The last ones first: they take longest, and the short ones fill what is left of two cores.
-NOTEBOOKS := $(notdir $(basename $(shell ls -r notebooks/*.ipynb)))
+# The longest and the last ones first: the short ones fill what is left of two cores.
+ALL := $(notdir $(basename $(shell ls -r notebooks/*.ipynb)))
+NOTEBOOKS := $(filter 08_%,$(ALL)) $(filter-out 08_%,$(ALL))
 PY := .venv/bin/python
 RUN := $(PY) -m sngr_utils
 # Once for all notebooks and tests that follow; seconds if it has been done.

@@ -92,8 +92,8 @@ start_kernel, IPyNbFile.setup = IPyNbFile.setup, setup
 
 
 def pytest_collection_modifyitems(items):
-    """The last notebooks first, which take longest: else one worker ends with them, alone."""
-    items.sort(key=lambda i: i.path.name if i.path.suffix == ".ipynb" else "", reverse=True)
+    """Notebooks first, by their length: else one worker ends with the longest, alone."""
+    items.sort(key=lambda i: (i.path.suffix != ".ipynb", notebooks.length(i.path.stem)))
 
 
 @pytest.hookimpl(wrapper=True)

@@ -22,27 +22,29 @@ from sngr_utils.world import scenario, simulation
 def compile_all(jobs: int = 2) -> None:
     """Call every compiled function with arguments of the types that it is used with.
 
-    In two processes, whose parts share hardly a function; then what needs both.
+    In two processes, whose parts share hardly a function and take about as long.
     """
-    parts = (compile_samplers, compile_estimators)
+    parts = (compile_estimators, compile_samplers)
     joblib.Parallel(n_jobs=jobs)(joblib.delayed(part)() for part in parts)
-    preset = conventions.PRESETS["C"]
-    log = _small().log(preset.x0_sigmas)
-    estimator.run(log, preset, estimator.Settings(), rng=np.random.default_rng(0))
 
 
 def compile_samplers() -> None:
-    """Nested sampling of windows and of small posteriors, and what it samples."""
+    """Nested sampling of windows and of small posteriors, FastSLAM, and the mirror test."""
     for engine in ("dynesty-compiled", "nested"):
         _sample(engine)
     sampler_contest.compile_all()
+    _estimate("fastslam")
+    mirror_image.mirror_test(np.zeros((1, 2)), np.ones(1), np.ones(1), np.ones(2))
+    mirror_image.gaps(np.zeros((1, 2)), np.ones(1), np.ones(1), np.ones(2), np.ones(1, int))
 
 
 def compile_estimators() -> None:
-    """FastSLAM, the batch estimates, marginals of windows, the mirror test, and the fast path."""
-    for method in ("fastslam", "em", "em_exclusive", "gnc_tls", "switchable", "max_mixture_all"):
-        rng = np.random.default_rng(0)
-        estimators.estimate(_small(), conventions.PRESETS["C"], method, "grid", rng=rng)
+    """The online estimator, the batch estimates, marginals of windows, and the fast path."""
+    log = _small().log(conventions.PRESETS["C"].x0_sigmas)
+    settings, rng = estimator.Settings(), np.random.default_rng(0)
+    estimator.run(log, conventions.PRESETS["C"], settings, rng=rng)
+    for method in ("em", "em_exclusive", "gnc_tls", "switchable", "max_mixture_all"):
+        _estimate(method)
     louis_covariance.times(np.ones((1, 3, 3)), np.ones((1, 3, 5)), np.eye(5), np.ones((5, 1)))
     one_range.kernels(np.zeros(1), scenario.Scenario())
     selected_inverse(
@@ -50,12 +52,16 @@ def compile_estimators() -> None:
         x0_mean=np.zeros(3), x0_sigmas=np.ones(3), odometry_sigmas=np.ones(3),
         landmark_prior_sigma=1.0, range_sigma=1.0,
     )  # fmt: skip
-    mirror_image.mirror_test(np.zeros((1, 2)), np.ones(1), np.ones(1), np.ones(2))
-    mirror_image.gaps(np.zeros((1, 2)), np.ones(1), np.ones(1), np.ones(2), np.ones(1, int))
     at = _small().poses, _small().landmarks
     covariance = covariance_at(*at, _small(), conventions.PRESETS["C"])
     leverage.chi_square(_small(), *at, covariance)
     _sample("fast")
+
+
+def _estimate(method: str) -> None:
+    """Run one of the batch estimates on a small world."""
+    rng = np.random.default_rng(0)
+    estimators.estimate(_small(), conventions.PRESETS["C"], method, "grid", rng=rng)
 
 
 def _sample(engine: str) -> None:

@@ -29,6 +29,10 @@ if numba.config.DISABLE_JIT:
         "NUMBA_DISABLE_JIT is set: nothing is compiled, all takes far longer", stacklevel=2
     )
 
+# Loops here run over three, or over a handful: in copies for four at a time they are no quicker,
+# and take a fifth more time to compile.
+numba.config.LOOP_VECTORIZE = 0
+
 # No Python objects inside, so threads run in parallel; x / 0 is inf, as in NumPy; nothing is
 # called from C, whose wrappers are a seventh of the time that compiling takes.
 compile_once = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)

@@ -11,6 +11,7 @@ from sngr_utils import paths
 
 OUTPUT_DIR = "output_dir"  # the one parameter that is the runner's, not the YAML's
 TYPES = {"int", "float", "str", "bool", "list", "dict"}  # of which a parameter's type is made
+LONGEST = ("08", "05", "04", "09", "03", "06")  # to execute, the longest first
 
 
 class ProjectError(Exception):
@@ -26,6 +27,15 @@ def names() -> list[str]:
     for name in sorted(notebooks - params):
         raise ProjectError(f"params/{name}.yaml is missing, but notebooks/{name}.ipynb is there")
     return sorted(notebooks)
+
+
+def length(name: str) -> int:
+    """Rank of a notebook by the time it takes, 0 the longest; all short ones are alike.
+
+    The long ones are started first: the short ones then fill what is left of two cores.
+    """
+    number = name.partition("_")[0]
+    return LONGEST.index(number) if number in LONGEST else len(LONGEST)
 
 
 def sources(name: str, code_only: bool = False) -> list[str]:

@@ -36,9 +36,11 @@ def check() -> dict[str, dict[str, Any]]:
 def print_stale() -> None:
     """Print the make targets that bring the results up to date, after checking all parameters.
 
-    The last notebooks first: they take longest, and the short ones fill what is left of two cores.
+    The notebooks that take longest come first.
     """
-    for name, params in reversed(check().items()):
+    params_of = check()
+    for name in sorted(params_of, key=notebooks.length):
+        params = params_of[name]
         if not is_fresh(name, params):
             print(f"run/{name}")
 

@@ -116,12 +116,10 @@ def responsibilities(
     exclusive : no two ranges of a scan come from the same landmark
     calibration : as for `residuals`
     """
-    at = (
-        np.ascontiguousarray(poses),
-        np.ascontiguousarray(landmarks),
-        _calibration(log, calibration),
-    )
-    found, too_many = sources(model_of(log, exclusive), *at, *shares, width)
+    places = np.ascontiguousarray(poses), np.ascontiguousarray(landmarks)
+    at = *places, _calibration(log, calibration)
+    numbers = (float(number) for number in (*shares, width))  # of one type, compiled once
+    found, too_many = sources(model_of(log, exclusive), *at, *numbers)
     mutual_exclusion.warn(too_many)
     return found
 
@@ -254,7 +252,7 @@ def estimate_shares(
     shares : with which the weights were found
     prior : wrong and right labels that count as seen beforehand
     """
-    model = model_of(log, exclusive=False)
+    model, prior = model_of(log, exclusive=False), (float(prior[0]), float(prior[1]))
     return Shares(*updated(model, weights, np.ascontiguousarray(landmarks), *shares, prior))
 
 

@@ -57,7 +57,8 @@ def exclusive_posterior(log_weights: np.ndarray, scan_of: np.ndarray | None = No
     1988, chapter 9; permanents by subsets: Ryser, Combinatorial Mathematics, 1963; of sparse
     matrices: Cifuentes, Parrilo, Linear Algebra and its Applications 493, 2016.
     """
-    found, too_many = matched(log_weights, ends_of(len(log_weights), scan_of))
+    ends = ends_of(len(log_weights), scan_of)
+    found, too_many = matched(np.ascontiguousarray(log_weights), ends)
     warn(too_many)
     return found
 

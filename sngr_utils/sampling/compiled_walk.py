@@ -79,7 +79,7 @@ class CompiledWalk(CanonicalWalk):
         walks = options["walks"]
         u, xi, accepted, calls = _walk(
             options["factors"], options["cholesky"], np.asarray(args.u), -args.loglstar,
-            np.asarray(args.axes), args.scale, walks, rng,
+            np.asarray(args.axes), float(args.scale), walks, rng,  # which is 1, an int, at first
         )  # fmt: skip
         if accepted == 0:  # dynesty sees that the point has not moved, and tries again
             u, xi = args.u, args.prior_transform(args.u)

@@ -154,3 +154,9 @@ def test_a_stripped_notebook_would_be_noticed(tmp_path, monkeypatch):
         test_every_code_cell_has_run_in_order_without_error_or_stderr("01_bimodal")
     with pytest.raises(AssertionError):
         test_outputs_are_stored("01_bimodal")
+
+
+def test_the_longest_notebooks_are_named_and_come_first():
+    numbers = [name.partition("_")[0] for name in notebooks.names()]
+    assert set(notebooks.LONGEST) <= set(numbers)
+    assert sorted(notebooks.names(), key=notebooks.length)[0].startswith(notebooks.LONGEST[0])

@@ -1,12 +1,10 @@
 """One execution serves the paper and the test, in either order, and both still notice."""
 
 import base64
+import contextlib
 import io
 import json
-import os
 import shutil
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -32,8 +30,8 @@ ax.plot([seed, 1]);
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """A project with the root's conftest.py and pytest options, nothing executed yet."""
+def executed(tmp_path_factory):
+    """A project with the root's conftest.py and pytest options, its notebook executed once."""
     here = tmp_path_factory.mktemp("project")
     make_project(here)
     for file in ("conftest.py", "pyproject.toml"):
@@ -41,7 +39,17 @@ def folder(tmp_path_factory):
     with at_home_in(here):
         paths.BUILD.mkdir()
         write_notebook(here, declared_cell(here), BODY)
-        yield here
+        run.refresh(NAME)
+        assert executions() == 1
+    return here
+
+
+@pytest.fixture
+def folder(executed, tmp_path):
+    """A copy of it to spoil."""
+    shutil.copytree(executed, tmp_path, dirs_exist_ok=True)
+    with at_home_in(tmp_path):
+        yield tmp_path
 
 
 def executions():
@@ -50,10 +58,10 @@ def executions():
 
 def compare(folder):
     """Status and output of the project's own pytest on the notebook."""
-    command = [sys.executable, "-m", "pytest", "-n0", "-p", "no:cacheprovider", "notebooks"]
-    env = os.environ | {"PYTHONPATH": str(folder)}
-    done = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True)
-    return done.returncode, done.stdout + done.stderr
+    options = ["-n0", "-p", "no:cacheprovider", "-c", folder / "pyproject.toml"]
+    with contextlib.redirect_stdout(io.StringIO()) as shown, contextlib.chdir(folder):
+        status = pytest.main([*map(str, options), "notebooks"])
+    return status, shown.getvalue()
 
 
 def edit_stored(change):
@@ -72,8 +80,6 @@ def altered_picture(output):
 
 
 def test_paper_test_and_stored_outputs_share_one_execution(folder, capsys):
-    run.refresh(NAME)
-    assert executions() == 1
     status, shown = compare(folder)  # the test after a run
     assert status == 0, shown
     run.run_notebook(NAME)  # the paper after the test
@@ -81,7 +87,8 @@ def test_paper_test_and_stored_outputs_share_one_execution(folder, capsys):
     assert "executed before, from the same inputs" in capsys.readouterr().out
     assert (paths.RESULTS / f"{NAME}.json").exists()
 
-    # an altered output and an altered picture are noticed, without executing
+
+def test_an_altered_output_and_picture_are_noticed_without_executing(folder):
     good = (paths.NOTEBOOKS / f"{NAME}.ipynb").read_bytes()
     edit_stored(lambda cell: cell["outputs"][0].update(text=["the seed is 7\n"]))
     status, shown = compare(folder)
@@ -94,10 +101,9 @@ def test_paper_test_and_stored_outputs_share_one_execution(folder, capsys):
     assert "picture 1 differs from the stored one" in shown
     assert executions() == 1
 
-    # a stale run is executed, by the test first this time, and then serves the paper
-    source = BODY.replace("the seed is", "a seed is")
-    (paths.NOTEBOOKS / f"{NAME}.ipynb").write_bytes(good)
-    edit_stored(lambda cell: cell.update(source=source))
+
+def test_a_stale_run_is_executed_by_the_test_and_then_serves_the_paper(folder):
+    edit_stored(lambda cell: cell.update(source=BODY.replace("the seed is", "a seed is")))
     status, shown = compare(folder)
     assert status == 1  # the stored output is of the old source
     assert "a seed is 0" in shown
@@ -105,11 +111,12 @@ def test_paper_test_and_stored_outputs_share_one_execution(folder, capsys):
     run.run_notebook(NAME)
     assert executions() == 2
 
-    # a damaged run, and results that came from elsewhere, are no run
+
+def test_a_damaged_run_is_no_run(folder):
     (damaged,) = paths.RUNS.glob(f"{NAME}.*/{NAME}.json")
     damaged.write_text(damaged.read_text().replace("seed", "sead"))
     compare(folder)
-    assert executions() == 3
+    assert executions() == 2
 
 
 def test_a_failing_cell_is_the_one_that_is_reported(folder):
