@@ -21,11 +21,17 @@ class TwoAnchors(Checked):
     landmark_prior_sigma: Positive = 10.0
 
     @model_validator(mode="after")
-    def _circles_cross(self) -> Self:
+    def _has_two_places(self) -> Self:
         if self.measured_range <= self.anchor_distance / 2:
             raise ValueError(
                 f"measured_range is {self.measured_range}: it must exceed half of "
                 f"anchor_distance ({self.anchor_distance}), or the two circles do not cross"
+            )
+        if self.full_hessian(self.saddle)[1, 1] >= 0:
+            raise ValueError(
+                f"range_sigma is {self.range_sigma} and landmark_prior_sigma "
+                f"{self.landmark_prior_sigma}: the prior must be weaker against the ranges, or "
+                "the landmark has one place only, midway between the anchors"
             )
         return self
 

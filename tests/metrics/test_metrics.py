@@ -1,6 +1,7 @@
 import warnings
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import stats
 
@@ -10,6 +11,7 @@ from sngr_utils.metrics import (
     effective_sample_size,
     precision_recall,
     rmse_and_nees,
+    summaries,
 )
 
 
@@ -168,6 +170,15 @@ def test_interval_of_auc_within_is_that_of_drawn_worlds():
     assert 50 * np.array([found.low, found.high]) == pytest.approx(
         [law.ppf(0.025), law.ppf(0.975)], abs=1.01
     )
+
+
+def test_precision_over_the_base_rate_of_the_same_world():
+    """Rows of the runs in another order; nothing to find out where all failed, or nothing fired."""
+    worlds = {"preset": ["C"] * 4, "p": [0.1] * 4, "seed": [1, 2, 3, 4]}
+    fired = pd.DataFrame({**worlds, "precision": [0.75, 1.0, np.nan, 0.4]})
+    runs = pd.DataFrame({**worlds, "base_rate": [0.5, 1.0, 0.2, 0.6]}).iloc[::-1]
+    found = summaries.precision_over_base(fired, runs)
+    assert found.to_numpy() == pytest.approx([0.25, np.nan, np.nan, -0.2], nan_ok=True)
 
 
 @pytest.mark.parametrize("value", [True, False])

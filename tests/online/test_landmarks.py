@@ -6,11 +6,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers import SIGMA, scans
+from scipy import stats
 
 from sngr_utils.online import landmarks as landmarks_module
 from sngr_utils.online import localisation
 from sngr_utils.online.data_association import DROPPED, Assignment
-from sngr_utils.online.landmarks import _locate, drop_landmarks, start_landmarks, witnesses
+from sngr_utils.online.landmarks import (
+    _locate,
+    drop_landmarks,
+    start_landmarks,
+    turn_over,
+    witnesses,
+)
 from sngr_utils.robust.association import Shares
 from sngr_utils.sampling import importance
 from sngr_utils.sampling.targets import place
@@ -261,3 +268,29 @@ def test_no_mode_is_no_place(waiting, monkeypatch):
 
     monkeypatch.setattr(localisation, "many_starts", none)
     assert _locate(waiting, arc(12, 3.0, [1.0, 2.0]), True, np.random.default_rng(0)) is None
+
+
+# --- mirror images ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("beyond", "turned"), [(-1e-9, 1), (1e-9, 0)])
+def test_dropped_ranges_vote_whether_a_landmark_turns_over(waiting, beyond, turned):
+    """By the likelihood of each: normal of range and pose, or uniform for a share of 1 - .7 * .9.
+
+    The graph's own verdict is set to outweigh the votes by next to nothing, on either side.
+    """
+    waiting.shares, waiting.in_doubt[1] = Shares(0.3, 0.1), True
+    waiting.assignment.used[[1, 4]] = DROPPED
+    image = np.array([waiting.landmarks[0], [-1.5, -1.5], waiting.landmarks[2]])
+    votes = []
+    for spot in (waiting.landmarks[1], image[1]):
+        away = [np.hypot(x - spot[0], 1 - spot[1]) for x in (0, 1)]
+        sigmas = [np.sqrt(0.02 + SIGMA**2), np.sqrt(0.03 + SIGMA**2)]
+        right = stats.norm.pdf([3.1 - away[0], 3.4 - away[1]], scale=sigmas)
+        votes.append(np.log(0.63 * right + 0.37 / 4.7).sum())
+    assert votes[1] > votes[0] + 0.1
+    waiting.mirrored = lambda k: (votes[1] - votes[0] + beyond, 2 * waiting.poses, image)
+    turn_over(waiting)
+    assert waiting.counts["landmarks turned over"] == turned
+    assert (waiting.landmarks is image) == bool(turned)
+    assert waiting.in_doubt[1] != bool(turned)  # at the image both verdicts agree

@@ -153,6 +153,14 @@ def test_a_claim_is_told_with_its_verdict():
     assert f"{claim!r}: {verdict.split(' | ')[-1]}" in traced(entry.ours)["claim"][0]
 
 
+def test_every_claim_is_found_by_the_keys_it_rests_on():
+    keys = claims.needed(claims.read().reading)
+    found = {claim.split(".")[0] for key in keys for claim in claims.resting_on(key)}
+    assert found == {entry.id.split(".")[0] for entry in claims.read().numbers} | {
+        entry.id for entry in claims.read().prose
+    }
+
+
 def test_what_is_counted_from_the_verdicts_says_so():
     assert "verdict_tables" in traced("claims.prose.total")["kind"][0]
 

@@ -39,6 +39,12 @@ def enumerated(log_weights):
     return total / total.sum(axis=1, keepdims=True)
 
 
+def test_scans_end_where_the_pose_changes():
+    alone, three = (mutual_exclusion.ends_of(5, scans) for scans in (None, [0, 0, 2, 3, 3]))
+    assert (alone.tolist(), three.tolist()) == ([5], [2, 3, 5])
+    assert alone.dtype == three.dtype == np.int64  # what compiled code is made for
+
+
 @pytest.mark.parametrize(
     ("n", "k", "none"), [(1, 3, True), (4, 4, False), (3, 5, True), (5, 3, True)]
 )
