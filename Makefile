@@ -68,6 +68,7 @@ help:
 	@echo 'make results-from TARBALL=...  take results from an archive; one notebook is run to check'
 	@echo 'make lint       ruff, imports between rooms, and how long each notebook takes to read'
 	@echo 'make student    the notebooks without their solutions, into build/student'
+	@echo 'make slides     a deck of slides for each chapter, into build/slides; no network needed'
 	@echo 'make lock       resolve pyproject.toml into environment.lock again (needs uv)'
 	@echo 'make clean      remove what was built; make distclean also removes .venv'
 	@echo 'JOBS=1 runs the notebooks one after the other (default 2 at a time).'
@@ -162,7 +163,7 @@ site: setup student
 	@rm -rf build/site
 	@$(PY) -m sphinx -q -W -E -c docs/site -d build/cache/site build/site-source build/site
 
-test-site: site
+test-site: site slides
 	@bash scripts/install_browser.sh
 	@$(PY) -m pytest tests/site/test_*.py --dist=load
 
@@ -205,6 +206,12 @@ lint: setup
 .PHONY: student
 student: setup
 	@$(PY) scripts/student.py
+
+# Slides of every chapter, from its cells and stored outputs; open build/slides/NAME.html.
+.PHONY: slides
+slides: setup
+	@bash scripts/setup_more.sh site docs/site/requirements.lock
+	@$(PY) scripts/slides.py
 
 lock:
 	@command -v uv > /dev/null || { echo 'make lock needs uv on the PATH' >&2; exit 1; }

@@ -3,10 +3,11 @@
 import re
 
 import pytest
-from helpers import read_notebook
+from helpers import paper_text, read_notebook
 
 from sngr_utils import paths
 
+NOTEBOOKS = sorted(path.stem for path in paths.NOTEBOOKS.glob("*.ipynb"))
 DOCS = sorted((paths.ROOT / "docs").rglob("*.md"))
 
 
@@ -37,11 +38,47 @@ def test_the_glossary_is_one_sentence_a_term_in_order():
         assert ". " not in meaning
 
 
-def test_a_letter_has_one_meaning():
+# Commands that are no letters, with what they set upright; the Greek ones are letters.
+UPRIGHT = r"\\(?:text|mathrm|mathbb|mathcal|mathsf|operatorname|[eq]*ref|res|label|begin|end)\*?"
+GREEK = (
+    "alpha|beta|gamma|delta|varepsilon|eta|kappa|lambda|mu|nu|xi|pi|rho|sigma|tau|phi|chi|psi|omega"
+    "|theta|Gamma|Delta|Lambda|Sigma|Phi|Psi|Omega|Theta|ell"
+)
+LETTER = re.compile(rf"\\(?:{GREEK})(?![a-zA-Z])|(?<![a-zA-Z\\])[a-zA-Z](?![a-zA-Z])")
+FORMULA = re.compile(r"\$\$(.*?)\$\$|\$([^$]+)\$|\\begin{(?:align|equation)}(.*?)\\end", re.DOTALL)
+
+
+def letters(text):
+    """The letters that stand for something in the formulas of a text."""
+    formulas = ("".join(parts) for parts in FORMULA.findall(text))
+    upright = re.compile(rf"{UPRIGHT}(?:{{[^}}]*}}| *[A-Z](?![a-z]))")
+    return {one for formula in formulas for one in LETTER.findall(upright.sub(" ", formula))}
+
+
+def signs():
+    """The signs of the table of notation, one a meaning."""
     text = (paths.ROOT / "docs/notation.md").read_text(encoding="utf-8")
-    signs = [row.split("|")[1].strip() for row in text.splitlines() if row.startswith("| ")][1:]
-    letters = [sign for cell in signs for sign in cell.split(", ")]
-    assert len(letters) == len(set(letters)) > 30
+    cells = [row.split("|")[1].strip() for row in text.splitlines() if row.startswith("| ")][1:]
+    return [sign for cell in cells for sign in cell.split(", ")]
+
+
+def test_a_letter_has_one_meaning():
+    found = signs()
+    assert len(found) == len(set(found)) > 40
+
+
+@pytest.mark.parametrize("name", [*NOTEBOOKS, "paper"])
+def test_every_letter_of_a_formula_is_in_the_table_of_notation(name):
+    if name == "paper":
+        text = re.sub(r"(?<!\\)%.*", "", paper_text()).replace(r"\MAP", " ").replace(r"\T", " ")
+    else:
+        told = [cell.source for cell in read_notebook(name).cells if cell.cell_type == "markdown"]
+        text = re.sub(r"`[^`]*`", "", "\n".join(told))
+    assert letters("$ab + \\text{c} \\mathcal N d_w \\hat k \\sigma^e$") == set("dwke") | {
+        r"\sigma"
+    }
+    assert letters(text)
+    assert letters(text) <= letters(" ".join(signs())) | set("TK")
 
 
 def test_the_quiz_has_fifteen_questions_and_answers():

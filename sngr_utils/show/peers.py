@@ -185,7 +185,7 @@ def draw_weights(ax: Axes, weights: np.ndarray, wrong: np.ndarray) -> None:
         for line in lines[:1]:
             line.set_label(name)
     ax.set(xlabel="round", ylabel="weight of a range", ylim=(-0.05, 1.05))
-    ax.legend(loc="center right")
+    ax.legend(loc="center right", frameon=True, framealpha=0.9, edgecolor="none")
 
 
 # whose share of lost runs the paper's text quotes

@@ -102,17 +102,19 @@ def draw_beside_printed(
 
 
 def panel(
-    config: OpenConventions, draw: Callable[..., None], *args, height: float = 2.0, **looks
+    config: OpenConventions | None, draw: Callable[..., None], *args, height: float = 2.0, **looks
 ) -> Figure:
     """A panel as wide as half a column of the paper; a notebook hands it on and shows a wider one.
 
     Parameters
     ----------
+    config : whose preset is named; None where none has a part
     draw : takes the axes, then `args` and `looks`
     height : [in]
     """
     fig, ax = style.figure(style.PANEL_WIDTH, height)
     draw(ax, *args, **looks)
-    entitle(fig, config)
+    if config is not None:
+        entitle(fig, config)
     plt.close(fig)
     return fig

@@ -190,3 +190,16 @@ def test_films_play_and_obey_the_keyboard(page, film):
     assert int(slider.input_value()) > 1
     button.press("Enter")
     assert button.inner_text() == "Play"
+
+
+@pytest.mark.parametrize("deck", sorted(path.name for path in paths.NOTEBOOKS.glob("*.ipynb")))
+def test_slides_turn_by_key_and_fit_on_a_screen(page, deck):
+    shown = page.page
+    shown.goto((paths.BUILD / "slides" / deck).with_suffix(".html").as_uri())
+    shown.evaluate("MathJax.startup.promise")
+    count = shown.locator("section").count()
+    for number in range(1, count + 1):
+        assert shown.locator("#page").inner_text() == f"{number} / {count}"
+        assert shown.evaluate("document.documentElement.scrollHeight") <= 900
+        shown.keyboard.press("ArrowRight")
+    assert not shown.locator("mjx-merror").count()
