@@ -15,7 +15,8 @@ import numpy as np
 from sngr_utils.experiments import estimators
 from sngr_utils.experiments.online_variants import run_unwarned
 from sngr_utils.metrics import rmse_and_nees
-from sngr_utils.online import estimator
+from sngr_utils.online import estimator, rivals
+from sngr_utils.online.belief import LOOSE, TURNED
 from sngr_utils.robust import em
 from sngr_utils.slam import chain_problem, chain_solver, landmark_starts
 from sngr_utils.slam.chain_solver import CERES
@@ -137,6 +138,7 @@ def rows(kind: str, preset: str, p: float, seed: int) -> list[dict]:
     truth = world.poses[:, :2]
     least = rmse_and_nees.rmse(best.poses[:, :2], truth)
     consistency = partial(estimators.expected_nees, world, conventions)
+    at_truth = from_truth(world, sound, conventions)
     row = {
         "kind": kind, "preset": preset, "p": p, "seed": seed,
         "final": rmse_and_nees.rmse(found.poses[:, :2], truth) / least,
@@ -149,6 +151,8 @@ def rows(kind: str, preset: str, p: float, seed: int) -> list[dict]:
             peer: rmse_and_nees.rmse(poses[:, :2], truth) / least
             for peer, poses in _peers(log, conventions).items()
         },
+        "at_truth": rmse_and_nees.rmse(at_truth.found.poses[:, :2], truth) / least,
+        "behind": found.cost - at_truth.cost,
         **_landmarks(world, conventions, found, best),
         **_diagnosis(found),
     }  # fmt: skip
@@ -197,6 +201,27 @@ def _diagnosis(found: estimator.OnlineEstimate) -> dict:
         "worst_run": told.worst_run, "residual": told.residual, "worst_step": told.worst_step,
         "vague": told.vague, "rival": min(told.rival, NO_RIVAL), "slips": found.counts["slips"],
     }  # fmt: skip
+
+
+def from_truth(world: World, sound: World, conventions: Conventions) -> rivals.Rival:
+    """EM of the same model that starts at the truth and knows which steps have slipped.
+
+    Where it is likelier than what was found, the search has failed; where it ends at the same
+    place, or is less likely, the data mislead.
+    """
+    log = world.log(conventions.x0_sigmas)
+    longest, told = log.ranges.max(), log.odometry_covariances
+    wide = told.copy()
+    wide[(world.odometry != sound.odometry).any(axis=1)] = np.diag([
+        longest**2,
+        longest**2,
+        TURNED**2,
+    ])
+    loose = conventions.model_copy(update={"landmark_prior_sigma": LOOSE * longest})
+    start = world.poses, world.landmarks
+    log = log.with_covariances(wide)
+    found = em.fit(log, loose, start, exclusive=True, clutter=True, widest=1.0)
+    return rivals.rival(log, told, found)
 
 
 def oracle(

@@ -30,7 +30,7 @@ from sngr_utils.robust.association import Shares
 from sngr_utils.settings import Checked, Probability
 from sngr_utils.slam import chain_problem, chain_solver
 from sngr_utils.slam.conventions import Conventions
-from sngr_utils.world.log import Log, Measurements
+from sngr_utils.world.log import Log, LogWarning, Measurements
 
 SWEEPS = 3  # over all ranges, at most, per step
 PATIENCE = 5  # poses between two looks at all ranges
@@ -89,6 +89,7 @@ class OnlineEstimate:
         "landmark restarts", "batch trials" and "batch restarts" (EM tried and adopted), "slips",
         and of all ranges at the end "swapped" and "dropped"
     diagnosis : what there is to doubt, see `diagnosis.Diagnosis`
+    cost : minus the log evidence, see `rivals.rival`, [nats]
     """
 
     poses: np.ndarray
@@ -104,6 +105,7 @@ class OnlineEstimate:
     filtered: np.ndarray
     counts: Counter
     diagnosis: Diagnosis
+    cost: float
 
 
 def run(
@@ -119,13 +121,31 @@ def run(
     Parameters
     ----------
     watch : called with the belief after every step, e.g. to draw it
+
+    Warns
+    -----
+    LogWarning : scans have so many ranges that `exclusive` credits most of them to nothing
     """
+    if settings.exclusive:
+        _warn_of_repeats(log)
     online = Online(log.first(1), conventions, settings, rng=rng)
     for t in range(1, log.n_poses):
         online.step(log.measurements(t))
         if watch:
             watch(online.belief)
     return online.result()
+
+
+def _warn_of_repeats(log: Log) -> None:
+    """Ranges beyond one for each landmark, scan by scan, are from none: say so if they prevail."""
+    beyond = np.maximum(np.bincount(log.pose_of) - log.n_landmarks, 0).sum()
+    if beyond > 0.5 * len(log.ranges):
+        warnings.warn(
+            f"{beyond} of {len(log.ranges)} ranges are more than one for each landmark of a scan: "
+            "if a landmark may be measured more than once in a scan, set exclusive=False",
+            LogWarning,
+            stacklevel=3,
+        )
 
 
 class Online:
@@ -291,8 +311,8 @@ class Online:
         if self.calibration.open:
             self._calibrate()
         graph_poses = belief.whole()[2]
-        ours, gap = self._stand_against_rivals()
-        log, told, poses, used = belief.whole()
+        best, gap = self._stand_against_rivals()
+        ours, (log, told, poses, used) = best.found, belief.whole()
         if self.calibration.open:
             ours = self._fit(self.calibration.opened(log), (poses, belief.landmarks), 1.0)
         landmarks, covariances = ours.landmarks, ours.position_covariances
@@ -316,13 +336,13 @@ class Online:
             poses, landmarks, own, in_doubt, graph_poses, used,
             covariances, np.array([self.calibration.scale, self.calibration.offset]),
             wrong, ours.shares.clutter, np.array(self.filtered),
-            belief.counts, diagnosis.diagnose(log, told, ours, gap),
+            belief.counts, diagnosis.diagnose(log, told, ours, gap), best.cost,
         )  # fmt: skip
         if found.diagnosis.doubtful:
             warnings.warn("; ".join(found.diagnosis.reasons), DoubtWarning, stacklevel=3)
         return found
 
-    def _stand_against_rivals(self) -> tuple[em.SoftEstimate, float]:
+    def _stand_against_rivals(self) -> tuple[rivals.Rival, float]:
         """Adopt the likeliest estimate of all data; by how much the next one is worse, [nats]."""
         belief = self.belief
         log, told, poses, _ = belief.whole()
@@ -341,9 +361,10 @@ class Online:
         gap = min((one.cost for one in different), default=np.inf) - best.cost
         kept = belief.present == np.isfinite(best.found.landmarks[:, 0])
         if kept.all() and belief.counts["landmarks turned over"] == turned:
-            return best.found, max(gap, 0.0)
+            return best, max(gap, 0.0)
         log, _, poses, _ = belief.whole()
-        return self._fit(log, (poses, belief.landmarks), 1.0), max(gap, 0.0)
+        settled = self._fit(log, (poses, belief.landmarks), 1.0)
+        return rivals.rival(log, told, settled), max(gap, 0.0)
 
     def _rivals(self, log: Log, told: np.ndarray, ours: em.SoftEstimate) -> list[rivals.Rival]:
         """Other estimates of the whole: from nothing, and with fewer or other slips."""
@@ -355,7 +376,8 @@ class Online:
         if belief.slipped.any():
             found = rivals.blind(plain, self._fit, ours.poses, places)
             others.append(rivals.rival(plain, told, found))
-        if self.settings.doubt_odometry and log.n_poses <= 2 * WINDOW:
+        settings = self.settings
+        if settings.restart and settings.doubt_odometry and log.n_poses <= 2 * WINDOW:
             best = min(others, key=lambda one: one.cost)
             asked = diagnosis.may_have_slipped(best.log, told, best.found) or belief.slipped.any()
             others += rivals.with_a_slip(plain, self._fit, bool(asked))

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import special
+from scipy import special, stats
 
+from sngr_utils.online.data_association import RESOLVED
 from sngr_utils.robust import association, mutual_exclusion
 from sngr_utils.robust.association import Shares
 from sngr_utils.slam import landmark_starts
@@ -20,6 +21,7 @@ from sngr_utils.world.log import Log
 
 HEADINGS = 48  # on the grid of a heading that is not known
 SINGLE, REFINED = 20, 4  # starts kept by the ranges of one scan, and by those of all
+NEAR = stats.chi2.ppf(0.99, 3)  # squared normalised error of a prediction that holds
 WIDTHS = (3.0, 2.0, 1.5, 1.0, 1.0, 1.0)  # range sigmas of the refinement, step by step
 
 
@@ -172,6 +174,17 @@ def refined(part: Stretch, start: np.ndarray, mean: np.ndarray, sigmas: np.ndarr
 def sources(part: Stretch, pose: np.ndarray) -> np.ndarray:
     """(M, K+1) posterior of the sources, a landmark once in a scan, with the first pose known."""
     return mutual_exclusion.exclusive_posterior(_joint(part, pose, 1.0)[0], part.scan_of)
+
+
+def credited(part: Stretch, mean: np.ndarray, sigmas: np.ndarray) -> float:
+    """Share of the ranges that are from a landmark, by any labels, near a predicted first pose.
+
+    None are if they lead farther from it than its (3,) sigmas [m, m, rad] allow.
+    """
+    found = refined(part, mean, mean, sigmas).pose
+    if np.sum((_away(found, mean) / sigmas) ** 2) > NEAR:
+        return 0.0
+    return float(np.mean(sources(part, found)[:, :-1].max(axis=1) > RESOLVED))
 
 
 def _away(pose: np.ndarray, mean: np.ndarray) -> np.ndarray:

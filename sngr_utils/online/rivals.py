@@ -21,6 +21,7 @@ from sngr_utils.world.log import NO_LABEL, Log
 
 SCANS = 8  # next to the slip, by which the shorter part is localised
 STRIDE = 4  # steps for which the parts before and after are placed once
+EXPLAINED = 0.9  # share of the ranges of scans that lie where they are, clutter left out
 OPEN = 0.5  # probability of no landmark that frees a range for one that starts again
 MANY = 0.1  # share of the ranges that no landmark explains
 APART = 5.0  # range sigmas, between two places of a landmark that are not the same
@@ -112,7 +113,7 @@ def rival(log: Log, told: np.ndarray, found: SoftEstimate) -> Rival:
 
 
 def with_a_slip(log: Log, fit: Fit, everywhere: bool) -> list[Rival]:
-    """Estimates of a log of which one step has slipped, for every step that can be judged.
+    """Estimates of a log of which one step has slipped, for every step that may have.
 
     Each part of the log lies where it does in a map of the longer one. It does so for a slip at
     any step nearby, so one of each group is asked, and EM tells it from its neighbours.
@@ -151,7 +152,8 @@ def _neighbours(n: int) -> list[np.ndarray]:
 def _two_parts(log: Log, step: int, fit: Fit, longest: float):
     """(T, 3) paths as they were if only the first part of a log, or only the second, were right.
 
-    The longer part makes the (K, 2) map, and the other is localised in it; None if that is vain.
+    The longer part makes the (K, 2) map, and the other is localised in it; None if there is no
+    map, or if the other one lies where the odometry has it.
     """
     early, late = log.first(step + 1), log.after(step + 1)
     path = dead_reckoning(log.x0_mean, log.odometry)
@@ -173,6 +175,10 @@ def _two_parts(log: Log, step: int, fit: Fit, longest: float):
     joint = step if first else step + 1
     long = _carried(path, path[joint], found.poses[-1 if first else 0])
     long[slice(step + 1) if first else slice(step + 1, None)] = found.poses
+    tight = np.sqrt(SCANS * np.diag(log.odometry_covariances[step]))
+    credited = relocalisation.credited(part, long[from_], tight)
+    if credited > EXPLAINED * (1 - found.shares.clutter):
+        return None
     sigmas = np.array([longest, longest, TURNED])
     pivot = int(np.argmax(np.bincount(near.pose_of)))
     pose = relocalisation.search(part, long[from_], sigmas, np.zeros(2, dtype=bool), pivot).pose

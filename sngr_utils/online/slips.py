@@ -21,7 +21,6 @@ from sngr_utils.world.log import NO_LABEL
 SLIP_ODDS = np.log(100.0)  # nats that a slip must gain: one step in a hundred slips
 FAR = 0.5  # times the longest range, sigma of a position after a slip
 RECENT = 8  # poses for which the place after a slip may be put in question
-NEAR = stats.chi2.ppf(0.99, 3)  # squared normalised error of a prediction that holds
 SPARE = 2  # ranges that a slip must explain beyond what it can choose
 STEP_LIMIT = stats.chi2.ppf(1 - 1e-4, 3)  # squared normalised error of a step that slipped
 
@@ -114,13 +113,9 @@ def _find_slipped(belief: Belief, covariance: selected_inverse.ChainCovariance) 
 
 def _explained(belief: Belief, step: int, covariance: selected_inverse.ChainCovariance) -> bool:
     """Does the pose after a step, near its prediction, explain all ranges since, by any labels?"""
-    part, mean = _stretch(belief, step, covariance), belief.poses[step + 1]
     sigmas = np.sqrt(np.diag(covariance.poses[step + 1]))
-    found = relocalisation.refined(part, mean, mean, sigmas).pose
-    away = (found - mean) / sigmas
-    away[2] = wrap_angle(found[2] - mean[2]) / sigmas[2]
-    weights = relocalisation.sources(part, found)[:, :-1].max(axis=1)
-    return bool(away @ away < NEAR and np.all(weights > data_association.RESOLVED))
+    part = _stretch(belief, step, covariance)
+    return relocalisation.credited(part, belief.poses[step + 1], sigmas) == 1.0
 
 
 def _stretch(belief: Belief, step: int, covariance: selected_inverse.ChainCovariance):

@@ -40,7 +40,9 @@ class Log:
     times : (T,) of the poses, not decreasing, [s]; None for the pose's number
     label_probabilities : (M, K) of each range over the landmarks, rows that sum to at most one
         (the rest is for none of them); None if the labels are all that is known
-    landmark_means, landmark_sigmas : (K, 2) and (K,) of surveyed landmarks, NaN for the others, [m]
+    n_landmarks_known : False if K is an upper bound only
+    landmark_means, landmark_sigmas : (K, 2) and (K,) of surveyed landmarks, NaN for the others,
+        or one sigma of all, [m]
     scale, offset : mean and sigma of what multiplies a distance, and of what is added to it [m],
         to give a range; a sigma of 0 for one that is known, infinite for one without a prior
     row_of : (M,) int, row in which each range was given
@@ -199,7 +201,7 @@ def _poses(log: Log) -> dict:
     """The fields of poses and odometry."""
     steps = _count("odometry", log.odometry)
     odometry = _array("odometry", log.odometry, (steps, 3))
-    covariances = _array("odometry_covariances", log.odometry_covariances, (steps, 3, 3))
+    covariances = _array("odometry_covariances", log.odometry_covariances, (steps, 3, 3), True)
     skew = np.abs(covariances - covariances.swapaxes(1, 2)).max(axis=(1, 2), initial=0.0)
     largest = np.abs(covariances).max(axis=(1, 2), initial=0.0)
     least = np.linalg.eigvalsh(covariances)[:, 0] if steps else np.empty(0)
@@ -237,7 +239,7 @@ def _landmarks(log: Log) -> dict:
             "landmark_sigmas": np.full(k, np.nan),
         }
     means = _floats("landmark_means", log.landmark_means, (k, 2))
-    sigmas = _floats("landmark_sigmas", log.landmark_sigmas, (k,))
+    sigmas = _floats("landmark_sigmas", log.landmark_sigmas, (k,), True)
     surveyed = np.isfinite(means).all(axis=1) & np.isfinite(sigmas) & (sigmas > 0)
     unknown = np.isnan(means).all(axis=1) & np.isnan(sigmas)
     bad = ~(surveyed | unknown)
@@ -251,7 +253,7 @@ def _ranges(log: Log) -> dict:
     found = {
         "pose_of": _index("pose_of", log.pose_of, m, 0, steps),
         "ranges": _array("ranges", log.ranges, (m,)),
-        "range_sigmas": _positive("range_sigmas", log.range_sigmas, (m,)),
+        "range_sigmas": _positive("range_sigmas", log.range_sigmas, (m,), True),
         "label_of": _index("label_of", log.label_of, m, NO_LABEL, k - 1),
         "row_of": np.arange(m) if log.row_of is None else _index("row_of", log.row_of, m, 0, None),
     }
@@ -280,25 +282,26 @@ def _numbers(name: str, value) -> np.ndarray:
         raise ValueError(f"{name} must hold numbers: {error}") from None
 
 
-def _floats(name: str, value, shape: tuple[int, ...]) -> np.ndarray:
-    """A copy as floats of this shape; where the first axis is missing, repeated along it."""
+def _floats(name: str, value, shape: tuple[int, ...], one_of_all: bool = False) -> np.ndarray:
+    """A copy as floats of this shape; without the first axis, if that may be, repeated along it."""
     array = _numbers(name, value)
     if array.size == 0 and 0 in shape:
         return np.empty(shape)
-    if array.shape not in (shape, shape[1:]):
-        raise ValueError(f"{name} has shape {array.shape}: it must be {shape}")
+    if array.shape != shape and not (one_of_all and array.shape == shape[1:]):
+        either = f", or {shape[1:]} for all" if one_of_all else ""
+        raise ValueError(f"{name} has shape {array.shape}: it must be {shape}{either}")
     return np.array(np.broadcast_to(array, shape))
 
 
-def _array(name: str, value, shape: tuple[int, ...]) -> np.ndarray:
-    array = _floats(name, value, shape)
+def _array(name: str, value, shape: tuple[int, ...], one_of_all: bool = False) -> np.ndarray:
+    array = _floats(name, value, shape, one_of_all)
     bad = ~np.isfinite(array).all(axis=tuple(range(1, array.ndim)))
     _refuse(name, array, bad, "it must be finite")
     return array
 
 
-def _positive(name: str, value, shape: tuple[int, ...]) -> np.ndarray:
-    array = _array(name, value, shape)
+def _positive(name: str, value, shape: tuple[int, ...], one_of_all: bool = False) -> np.ndarray:
+    array = _array(name, value, shape, one_of_all)
     _refuse(name, array, ~(array > 0), "it must be positive")
     return array
 

@@ -40,3 +40,5 @@ def test_a_row_holds_numbers_of_a_sound_world():
     assert row["clutter_found"] == pytest.approx(0.05, abs=0.05)
     assert row["em_exclusive"] == pytest.approx(row["final"], abs=0.05)
     assert row["cauchy"] > 1
+    assert row["at_truth"] == pytest.approx(row["final"], abs=0.01)
+    assert row["behind"] == pytest.approx(0.0, abs=0.1)

@@ -1,3 +1,4 @@
+import warnings
 from collections import Counter
 from dataclasses import replace
 
@@ -343,6 +344,22 @@ def test_fifteen_landmarks_and_a_scan_with_one_measured_twice_are_ordinary():
     found = run(twice)
     assert len(found.used) == len(drawn.ranges) + 2
     assert rmse(found, drawn) < 0.3
+
+
+@pytest.mark.parametrize("exclusive", [True, False])
+def test_four_ranges_of_each_landmark_in_every_scan_need_the_option_that_allows_it(exclusive):
+    """With it the map is found; without it the warning names it, and the result doubts itself."""
+    drawn = make(0.0).first(12)
+    often = drawn.keep(np.repeat(np.arange(len(drawn.ranges)), 4))
+    log = often.log(C.x0_sigmas)
+    settings = estimator.Settings(exclusive=exclusive)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = estimator.run(log, C, settings, rng=np.random.default_rng(0))
+    assert any("set exclusive=False" in str(one.message) for one in caught) == exclusive
+    assert found.diagnosis.doubtful == exclusive
+    if not exclusive:
+        assert np.mean(found.used == often.source_of) > 0.95
 
 
 # --- any log --------------------------------------------------------------------------------

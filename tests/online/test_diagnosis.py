@@ -1,0 +1,81 @@
+"""What a result says of itself: p-values that are right, and what counts as a reason."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from sngr_utils.online import diagnosis
+from sngr_utils.robust import em
+from sngr_utils.slam import conventions
+from sngr_utils.world import scenario, simulation
+from sngr_utils.world.dead_reckoning import relative_motion
+
+C = conventions.PRESETS["C"]
+SOUND = diagnosis.Diagnosis(
+    unexplained=0.3, worst_run=1.0, residual=1.0, worst_step=1.0, rival=np.inf, vague=1.0
+)
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    return simulation.simulate(scenario.Scenario(), 0.3, rng=np.random.default_rng(101))
+
+
+def test_a_run_of_bad_ranges_has_the_binomial_p_value(drawn):
+    log = drawn.log(C.x0_sigmas)
+    bad = (log.pose_of == 7).astype(float)
+    share = 6.5 / (len(bad) + 1)
+    one = diagnosis.worst_run(log, bad, (1,))
+    assert one == pytest.approx(log.n_poses * stats.binom.sf(5, 6, share))
+    assert one < 1e-6
+    assert diagnosis.worst_run(log, np.zeros(len(bad))) == 1.0
+    long = np.isin(log.pose_of, range(4, 16)).astype(float)
+    assert diagnosis.worst_run(log, long, (12,)) < 0.01 * diagnosis.worst_run(log, long, (3,))
+
+
+def test_clutter_that_is_spread_evenly_is_rarely_a_run(drawn):
+    """At most one in a hundred by Bonferroni; more than 10 of 300 have a chance below 1e-3."""
+    log, rng = drawn.log(C.x0_sigmas), np.random.default_rng(0)
+    draws = [(rng.random(len(log.ranges)) < 0.2).astype(float) for _ in range(300)]
+    assert stats.binom.sf(10, 300, 0.01) < 1e-3
+    assert sum(diagnosis.worst_run(log, bad) < diagnosis.RARE for bad in draws) <= 10
+
+
+def test_the_worst_step_has_the_p_value_of_so_many(drawn):
+    log, poses = drawn.log(C.x0_sigmas), drawn.poses
+    told = log.odometry_covariances
+    exact = relative_motion(poses)
+    exact[4, 0] += 0.25  # five of its sigmas
+    found = diagnosis.worst_step(log._with(odometry=exact), told, poses)
+    assert found == pytest.approx(29 * stats.chi2.sf(25, 3))
+    missed = log.odometry.copy()
+    missed[4, 0] += 1.0
+    assert diagnosis.worst_step(log, told, poses) > diagnosis.RARE
+    wide = told.copy()
+    wide[4] *= 1e4  # a step that is not trusted is not judged
+    slipped = log._with(odometry=missed, odometry_covariances=wide)
+    assert diagnosis.worst_step(slipped, told, poses) > diagnosis.RARE
+
+
+@pytest.mark.parametrize(("changed", "word"), [
+    ({"unexplained": 0.51}, "fit nothing"), ({"worst_run": 0.001}, "some poses"),
+    ({"residual": 1.7}, "times the noise"), ({"worst_step": 0.001}, "a step"),
+    ({"rival": 2.0}, "less likely by 2.0 nats"), ({"vague": 6.0}, "range sigmas"),
+])  # fmt: skip
+def test_each_doubt_is_told_and_even_clutter_is_none(changed, word):
+    assert not SOUND.doubtful
+    (reason,) = replace(SOUND, **changed).reasons
+    assert word in reason
+
+
+def test_a_pose_whose_labels_are_all_wrong_raises_the_question_of_a_slip(drawn):
+    sound = replace(drawn, label_of=drawn.source_of)
+    wrong = np.where(sound.pose_of == 12, (sound.source_of + 1) % 6, sound.source_of)
+    for labels, asked in ((sound.label_of, False), (wrong, True)):
+        log = replace(sound, label_of=labels).log(C.x0_sigmas)
+        found = em.fit(
+            log, C, (sound.poses, sound.landmarks), exclusive=True, clutter=True, widest=1.0
+        )
+        assert diagnosis.may_have_slipped(log, log.odometry_covariances, found) == asked
