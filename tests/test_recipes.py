@@ -11,7 +11,7 @@ PROGRAMS = dict(re.findall(r"^## (.+?)\n.*?```python\n(.*?)```", PAGE, re.M | re
 
 
 def test_each_recipe_has_a_program_with_something_to_fail():
-    assert len(PROGRAMS) == PAGE.count("\n## ") == PAGE.count("```python") == 5
+    assert len(PROGRAMS) == PAGE.count("\n## ") == PAGE.count("```python") == 6
     assert all("assert " in program for program in PROGRAMS.values())
 
 
