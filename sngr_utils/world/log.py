@@ -40,7 +40,6 @@ class Log:
     times : (T,) of the poses, not decreasing, [s]; None for the pose's number
     label_probabilities : (M, K) of each range over the landmarks, rows that sum to at most one
         (the rest is for none of them); None if the labels are all that is known
-    n_landmarks_known : False if K is an upper bound only
     landmark_means, landmark_sigmas : (K, 2) and (K,) of surveyed landmarks, NaN for the others,
         or one sigma of all, [m]
     scale, offset : mean and sigma of what multiplies a distance, and of what is added to it [m],
