@@ -9,6 +9,7 @@ import pytest
 from helpers import cells_from_scratch
 
 from sngr_utils import real_data
+from sngr_utils.experiments import real_data as real_experiments
 from sngr_utils.experiments import real_online, real_peers, real_stretch
 from sngr_utils.metrics import alignment
 from sngr_utils.publish import report
@@ -16,6 +17,7 @@ from sngr_utils.show import real_data as show
 from sngr_utils.world import simulation
 from sngr_utils.world.dead_reckoning import relative_motion
 from sngr_utils.world.scenario import Scenario
+from sngr_utils.world.truth import Truth
 
 pytestmark = pytest.mark.usefixtures("house_style")
 
@@ -130,10 +132,10 @@ def test_tables_and_figures(small, tmp_path):
     peers = real_data.study("plaza_peers")
     assert len(show.time_table(seconds)) == 3
     assert show.stretch_table(stretch, {"final": 0.1}).iloc[0, 0] == "aligned RMSE, final [m]"
-    assert len(show.whole_table(LABELLED)) == 8
+    assert len(show.measures_table(LABELLED, driven)) >= 12
     assert show.provoked_table(OURS, ONLINE).iloc[-1, 3] == "yes"
     assert len(show.goats_table(real_data.study("goats"))) == 2
-    assert len(show.online_table(driven)) == len(driven.groupby(["set", "p"]))
+    assert len(show.online_table(driven.query("p == 0.4"))) == 2
     assert show.level_table(peers).iloc[0, 0] == "least squares"
     scales = [real_data.found_in(name) for name in real_data.OTHER]
     assert len(show.scale_table(scales, dict.fromkeys(real_data.OTHER, 1.07))) == 2
@@ -147,3 +149,21 @@ def test_tables_and_figures(small, tmp_path):
     to = report.Report("x", tmp_path)
     to.figure(fig, "all")
     assert (tmp_path / "x_all.pdf").exists()
+
+
+def test_an_oracle_while_driving_is_least_squares_up_to_a_pose(small):
+    world, log = small
+    truth = Truth(poses=world.poses, landmarks=world.landmarks, source_of=world.source_of)
+    asked, poses = real_online.filtered_oracle(log, truth, 7)
+    assert asked.tolist() == [7, 14, 21, 28]
+    start = world.poses[:22], world.landmarks
+    alone = real_experiments.least_squares(log.first(22), *start).poses[-1]
+    np.testing.assert_allclose(poses[2], alone, atol=1e-4)
+
+
+def test_what_is_handed_online_leaves_scale_and_offset_open(small):
+    _, log = small
+    found = {"scale": 1.07, "offset": 0.2, "range_sigma": 0.107}
+    told = real_online.handed(replace(log, scale=(1.0, 0.1), offset=(0.0, 1.0)), found)
+    assert (told.scale, told.offset) == ((1.07, 0.1), (0.2, 1.0))
+    np.testing.assert_array_equal(told.ranges, log.ranges)
