@@ -9,6 +9,7 @@ import pytest
 from helpers import cells_from_scratch
 
 from sngr_utils import real_data
+from sngr_utils.experiments import real_data as real_experiments
 from sngr_utils.experiments import real_online, real_peers, real_stretch
 from sngr_utils.metrics import alignment
 from sngr_utils.publish import report
@@ -16,6 +17,7 @@ from sngr_utils.show import real_data as show
 from sngr_utils.world import simulation
 from sngr_utils.world.dead_reckoning import relative_motion
 from sngr_utils.world.scenario import Scenario
+from sngr_utils.world.truth import Truth
 
 pytestmark = pytest.mark.usefixtures("house_style")
 
@@ -108,79 +110,6 @@ def test_peers_do_well_with_right_labels(small, method):
     assert np.sqrt(np.mean(np.sum(errors**2, axis=1))) < 0.1  # the sigma of one range
 
 
-# --- what the chapter says of the committed rows --------------------------------------------
-
-
-@pytest.mark.parametrize(("name", "most"), [("Plaza1", 0.2), ("Plaza2", 0.22)])
-def test_batch_is_level_in_the_share_of_wrong_labels(name, most):
-    mine = LABELLED[LABELLED["set"] == name]
-    assert mine["rmse"].max() < most
-    assert mine["rmse"].max() < 1.1 * mine["rmse"].min()
-    assert (mine["precision"] > 0.96).all()
-    found = mine.groupby("p")["share_wrong"].median()
-    assert (found - found.index).abs().max() < 0.03  # of binomial errors of .012 and less
-    assert not mine["doubtful"].any()
-
-
-def test_no_labels_are_as_good_as_right_ones():
-    for _, mine in OURS.groupby("set"):
-        of = mine.set_index("kind")["rmse"]
-        right = mine.query("kind == 'labels' and p == 0")["rmse"].item()
-        for kind in ("no labels", "shuffled", "stretched"):
-            assert of[kind] < 1.05 * right
-
-
-def test_what_fails_is_doubted_and_nothing_else():
-    failed = OURS["rmse"] > 1.0
-    assert failed.sum() == 2
-    assert (OURS["kind"][failed] == "cut").all()
-    assert (OURS["doubtful"].astype(bool) == failed).all()
-
-
-def test_the_scale_is_near_that_of_the_gps_and_a_little_too_sure():
-    for name in real_data.OTHER:
-        drive = real_data.recording(name)
-        at = drive.truth.poses[drive.log.pose_of, :2]
-        distances = np.linalg.norm(at - drive.truth.landmarks[drive.log.label_of], axis=1)
-        true = np.polyfit(distances, drive.log.ranges, 1)[0]
-        found = real_data.found_in(name)
-        assert abs(found["scale"] - true) < 0.005
-        assert 1 < (true - found["scale"]) / found["scale_sigma"] < 3
-
-
-def test_believers_of_labels_are_lost():
-    rows = BATCH[BATCH["method"] == "least_squares"].groupby(["set", "p"])["rmse"].median()
-    assert (rows.xs(0.0, level="p") < 0.25).all()
-    assert (rows.drop(0.0, level="p") > 2).all()
-
-
-def test_online_is_level_too_and_nested_sampling_adds_nothing():
-    labelled = ONLINE[ONLINE["kind"] == "labels"].set_index(["method", "p", "set"]).sort_index()
-    driven = labelled.loc["online"]
-    assert (driven["final"] < 0.23).all()
-    assert driven["filtered"].between(0.5, 1.0).all()
-    assert (driven.query("p <= 0.4")[["landmark_samples", "position_samples"]] == 0).all(axis=None)
-    assert driven.loc[0.6, "landmark_samples"].between(1, 20).all()
-    without = labelled.loc[("no nested sampling", 0.6), "final"]
-    np.testing.assert_allclose(without, driven.loc[0.6, "final"][without.index], rtol=0.01)
-
-
-def test_online_doubts_lost_odometry_and_not_a_wrong_scale():
-    of = ONLINE.set_index("kind")
-    assert of.loc["cut", "doubtful"].all()
-    assert (of.loc["stretched", "final"] > 4).all()
-    assert not of.loc["stretched", "doubtful"].any()
-
-
-def test_some_peers_are_lost_with_right_labels_and_truncated_squares_never():
-    rmse = real_data.study("plaza_peers").set_index(["method", "set", "p"])["rmse"]
-    for method in ("dcs", "geman_mcclure", "max_mixture_null"):
-        assert (rmse.loc[method].xs(0.0, level="p") > 9).all()
-    assert rmse["em", "Plaza2", 0.0] > 9
-    assert (rmse.loc["gnc_tls"] < 0.24).all()
-    assert (rmse.loc["isam2"].xs(0.4, level="p") > 4).all()
-
-
 # --- parameters, tables, figures ------------------------------------------------------------
 
 
@@ -203,10 +132,10 @@ def test_tables_and_figures(small, tmp_path):
     peers = real_data.study("plaza_peers")
     assert len(show.time_table(seconds)) == 3
     assert show.stretch_table(stretch, {"final": 0.1}).iloc[0, 0] == "aligned RMSE, final [m]"
-    assert len(show.whole_table(LABELLED)) == 8
+    assert len(show.measures_table(LABELLED, driven)) >= 12
     assert show.provoked_table(OURS, ONLINE).iloc[-1, 3] == "yes"
     assert len(show.goats_table(real_data.study("goats"))) == 2
-    assert len(show.online_table(driven)) == len(driven.groupby(["set", "p"]))
+    assert len(show.online_table(driven.query("p == 0.4"))) == 2
     assert show.level_table(peers).iloc[0, 0] == "least squares"
     scales = [real_data.found_in(name) for name in real_data.OTHER]
     assert len(show.scale_table(scales, dict.fromkeys(real_data.OTHER, 1.07))) == 2
@@ -220,3 +149,21 @@ def test_tables_and_figures(small, tmp_path):
     to = report.Report("x", tmp_path)
     to.figure(fig, "all")
     assert (tmp_path / "x_all.pdf").exists()
+
+
+def test_an_oracle_while_driving_is_least_squares_up_to_a_pose(small):
+    world, log = small
+    truth = Truth(poses=world.poses, landmarks=world.landmarks, source_of=world.source_of)
+    asked, poses = real_online.filtered_oracle(log, truth, 7)
+    assert asked.tolist() == [7, 14, 21, 28]
+    start = world.poses[:22], world.landmarks
+    alone = real_experiments.least_squares(log.first(22), *start).poses[-1]
+    np.testing.assert_allclose(poses[2], alone, atol=1e-4)
+
+
+def test_what_is_handed_online_leaves_scale_and_offset_open(small):
+    _, log = small
+    found = {"scale": 1.07, "offset": 0.2, "range_sigma": 0.107}
+    told = real_online.handed(replace(log, scale=(1.0, 0.1), offset=(0.0, 1.0)), found)
+    assert (told.scale, told.offset) == ((1.07, 0.1), (0.2, 1.0))
+    np.testing.assert_array_equal(told.ranges, log.ranges)

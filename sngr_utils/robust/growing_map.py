@@ -25,7 +25,8 @@ from sngr_utils.world.log import NO_LABEL, Log
 
 # Searches: whether labels are used, ranges that the first prefix has for each landmark, and growth
 # of the number of poses from one prefix to the next. Two that agree are enough.
-SEARCHES = ((True, 40, 1.25), (False, 60, 1.1), (False, 40, 1.1), (True, 40, 1.1))
+PER_LANDMARK, GROWTH = 60, 1.1
+SEARCHES = ((True, 40, 1.25), (False, PER_LANDMARK, GROWTH), (False, 40, 1.1), (True, 40, 1.1))
 AGREE = 1.0  # nats between two searches that have found the same
 WIDEST, LAST = 3.0, 2.0  # range sigmas that a longer prefix starts with, and a last repair
 STARVING = 0.25  # of the ranges that are promised to a landmark: with less it is started again
@@ -162,6 +163,28 @@ def grow(log: Log, per_landmark: int, growth: float) -> em.SoftEstimate:
         kept = np.where(lost[:, None], np.nan, soft.landmarks)
         landmarks = start_missing(part, poses, kept, free)
         landmarks = np.where(np.isnan(landmarks), soft.landmarks, landmarks)
+
+
+def count_landmarks(log: Log, most: int) -> tuple[int, list[float]]:
+    """How many landmarks a log without labels shows: the number with the best score by BIC.
+
+    The log is to be a stretch on which dead reckoning is good. What it says of landmarks is not
+    asked.
+
+    Returns
+    -------
+    the number, and the scores of 1, 2, ... `most` landmarks, [nats]
+
+    Source: Schwarz, Annals of Statistics 6, 1978; a landmark costs two numbers.
+    """
+    scores = []
+    for k in range(1, most + 1):
+        some = replace(
+            _without_labels(log), n_landmarks=k,
+            landmark_means=np.full((k, 2), np.nan), landmark_sigmas=np.full(k, np.nan),
+        )  # fmt: skip
+        scores.append(score(some, grow(some, PER_LANDMARK, GROWTH)) - k * math.log(len(log.ranges)))
+    return int(np.argmax(scores)) + 1, scores
 
 
 def starving(log: Log, soft: em.SoftEstimate) -> np.ndarray:

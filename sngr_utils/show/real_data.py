@@ -137,17 +137,29 @@ def _heads(rows: pd.DataFrame) -> list[tuple[str, float]]:
     return [(name, p) for name in SETS for p in sorted(rows["p"].unique())]
 
 
-def whole_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """What the batch estimate is worth: a row for each set and p, medians over seeds."""
-    columns = {"rmse": "RMSE [m]", "nees": "NEES", "precision": "right", "share_wrong": "p found"}
+def measures_table(batch: pd.DataFrame, online: pd.DataFrame) -> pd.DataFrame:
+    """Whole drives by the measures of the field; medians over seeds.
+
+    Parameters
+    ----------
+    batch, online : rows of the two studies with labels, of our own estimators
+    """
+    columns = {
+        "rmse": (".3f", "aligned RMSE [m]"), "over_oracle": (".2f", "over the oracle's"),
+        "incremental": (".3f", "change in 10 m [m]"), "nees": (".1f", "NEES"),
+        "precision": (".3f", "right"), "recall": (".3f", "of all"),
+        "share_wrong": (".2f", "p found"),
+    }  # fmt: skip
+    rows = pd.concat([batch, online.rename(columns={"final": "rmse", "right": "precision"})])
+    rows = rows.assign(over_oracle=rows["rmse"] / rows["oracle"])
     found = [
-        [name, cells.number(p, ".1f"), len(mine), *(
-            cells.number(float(mine[key].median()), ".3f" if key == "rmse" else ".2f")
-            for key in columns
+        [name_of(method), name, cells.number(p, ".1f"), len(mine), *(
+            cells.number(float(mine[key].median()), fmt) for key, (fmt, _) in columns.items()
         )]
-        for (name, p), mine in rows.groupby(["set", "p"])
+        for (method, name, p), mine in rows.groupby(["method", "set", "p"])
     ]  # fmt: skip
-    return pd.DataFrame(found, columns=["set", "p", "seeds", *columns.values()])
+    heads = ["method", "set", "p", "seeds", *(head for _, head in columns.values())]
+    return pd.DataFrame(found, columns=heads)
 
 
 def scale_table(found: Sequence[Mapping], true: Mapping[str, float]) -> pd.DataFrame:
@@ -184,15 +196,17 @@ def _error_and_doubt(rows: pd.DataFrame, key: str) -> list:
 
 
 def online_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Online: final and filtered error, and associations; medians over seeds."""
-    columns = {"final": "final [m]", "filtered": "filtered [m]", "used": "used", "right": "right"}
+    """Online: error at the end and while driving, there beside the oracle; medians over seeds."""
+    columns = {
+        "final": "final [m]", "filtered_beside": "while driving [m]",
+        "filtered_oracle": "the oracle's [m]",
+    }  # fmt: skip
     found = [
-        [name, cells.number(p, ".1f"), len(mine), *(
-            cells.number(float(mine[key].median()), ".3f") for key in columns
-        ), f"{int(mine['doubtful'].sum())} of {len(mine)}"]
-        for (name, p), mine in rows.groupby(["set", "p"])
+        [name, len(mine), *(cells.number(float(mine[key].median()), ".3f") for key in columns),
+         f"{int(mine['doubtful'].sum())} of {len(mine)}"]
+        for name, mine in rows.groupby("set")
     ]  # fmt: skip
-    return pd.DataFrame(found, columns=["set", "p", "seeds", *columns.values(), "doubtful"])
+    return pd.DataFrame(found, columns=["set", "seeds", *columns.values(), "doubtful"])
 
 
 def asked_table(rows: pd.DataFrame) -> pd.DataFrame:
@@ -211,14 +225,27 @@ def asked_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def goats_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Ranges held out, which nothing has seen."""
-    columns = {"median": "median [m]", "ninth_decile": "nine tenths [m]", "beacons_rmse":
-               "beacons from survey [m]"}  # fmt: skip
+    """Ranges held out, which nothing has seen; and beacons, with what their covariances say."""
     found = [
-        [row["set"], int(row["held_out"]), *(cells.number(row[key], ".1f") for key in columns)]
+        [row["set"], int(row["held_out"]),
+         cells.with_error(row["median"], row["median_error"]),
+         cells.number(row["median_huber"]), cells.number(row["ninth_decile"], ".1f"),
+         cells.with_interval(row["beacons_rmse"], *_widest(row), ".1f")]
         for _, row in rows.iterrows()
-    ]
-    return pd.DataFrame(found, columns=["dive", "held out", *columns.values()])
+    ]  # fmt: skip
+    heads = ["dive", "held out", "median [m]", "with Huber's loss [m]", "nine tenths [m]",
+             "beacons from survey [σ] [m]"]  # fmt: skip
+    return pd.DataFrame(found, columns=heads)
+
+
+def _widest(row: Mapping) -> tuple[float, float]:
+    """Least and largest, over the beacons of a dive, of the sigma on the longest axis, [m]."""
+    sigmas, k = [], 0
+    while f"beacon_{k}_xx" in row and np.isfinite(row[f"beacon_{k}_xx"]):
+        xx, xy, yy = (row[f"beacon_{k}_{name}"] for name in ("xx", "xy", "yy"))
+        sigmas.append(float(np.sqrt(np.linalg.eigvalsh([[xx, xy], [xy, yy]])[-1])))
+        k += 1
+    return min(sigmas), max(sigmas)
 
 
 def stretch_table(stretch: Stretch, rmse: Mapping[str, float]) -> pd.DataFrame:

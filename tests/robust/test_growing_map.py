@@ -90,3 +90,10 @@ def test_a_log_without_ranges_is_refused():
     _, log = a_log(0.0)
     with pytest.raises(ValueError, match="nothing to estimate"):
         growing_map.estimate(log.keep(np.zeros(len(log.ranges), bool)))
+
+
+def test_landmarks_are_counted_without_labels():
+    _, log = a_log(0.0)
+    number, scores = growing_map.count_landmarks(log, 4)
+    assert number == 3
+    assert scores[2] > max(scores[1], scores[3]) + 3
