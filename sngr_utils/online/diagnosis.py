@@ -17,6 +17,8 @@ from sngr_utils.world.dead_reckoning import relative_motion, wrap_angle
 from sngr_utils.world.log import NO_LABEL, Log
 
 RUN = 3  # consecutive poses whose ranges are looked at together, and twice as many, and so on
+# Set for what they mean; on development worlds of the kinds of `experiments.every_world`, seeds 200
+# to 224, few sound estimates are outside.
 MOST_UNEXPLAINED = 0.5  # share of the ranges: the majority must be from a landmark
 RARE = 0.01  # p-value that is no chance
 POSSIBLE = 0.5  # and one that is worth a question
@@ -145,15 +147,11 @@ def worst_step(log: Log, told: np.ndarray, poses: np.ndarray) -> float:
 
 
 def may_have_slipped(log: Log, told: np.ndarray, found: SoftEstimate) -> bool:
-    """Is it worth while to ask which step has slipped?
+    """Is it worth while to ask which of the trusted steps has slipped?
 
-    A step that did is wide already, or missed, or wrong labels explain the poses on its other
-    side: they come in a run, perhaps of one pose.
+    If one did, it is missed, or wrong labels explain the poses on its other side: they come in a
+    run, perhaps of one pose.
     """
     right = found.weights[np.arange(len(log.ranges)), log.label_of]
     right[log.label_of == NO_LABEL] = 1 - found.weights[log.label_of == NO_LABEL, -1]
-    return bool(
-        (log.odometry_covariances != told).any()
-        or worst_step(log, told, found.poses) < POSSIBLE
-        or worst_run(log, 1 - right, 1) < POSSIBLE
-    )
+    return worst_step(log, told, found.poses) < POSSIBLE or worst_run(log, 1 - right, 1) < POSSIBLE
