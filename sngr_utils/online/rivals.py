@@ -1,8 +1,9 @@
 """Other estimates of all data, which the one at hand must stand against.
 
-EM from dead reckoning knows nothing of what the estimator has decided on its way. EM with one
-step that slipped is tried at every step: the longer of the two parts makes a map, and the other is
-localised in it. A slip before the first landmark was known is found so, and in no other way.
+EM from dead reckoning knows nothing of what the estimator has decided on its way, nor of the slips
+that it believes in. EM with one step that slipped is tried where one may have: the longer of the
+two parts makes a map, and the other is localised in it. A slip before the first landmark was known
+is found so, and in no other way.
 """
 
 from collections.abc import Callable
@@ -11,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sngr_utils.online import relocalisation, slips
+from sngr_utils.online import diagnosis, relocalisation, slips
 from sngr_utils.online.belief import TURNED, cost
 from sngr_utils.robust import em, growing_map
 from sngr_utils.robust.em import SoftEstimate
@@ -110,6 +111,28 @@ def rival(log: Log, told: np.ndarray, found: SoftEstimate) -> Rival:
         return Rival(log, found, cost_of(log, found))
     choice = np.log(log.ranges.max(initial=0.0) / np.median(log.range_sigmas))
     return Rival(log, found, cost_of(log, found) + slips.SLIP_ODDS * slipped + choice * freed)
+
+
+def against(
+    log: Log, told: np.ndarray, ours: SoftEstimate, fit: Fit, by_slips: bool
+) -> list[Rival]:
+    """Other estimates of a whole log: from nothing, and with fewer or other slips.
+
+    Parameters
+    ----------
+    told : (T-1, 3, 3) covariances of its steps as measured; where those of the log are others, the
+        estimate has it that they slipped
+    by_slips : ask which step has slipped
+    """
+    plain, slipped = log.with_covariances(told), (log.odometry_covariances != told).any()
+    found = [rival(log, told, renamed(log, ours, fit))]
+    for each in (log, plain) if slipped else (log,):
+        found.append(rival(each, told, blind(each, fit, ours.poses, ours.landmarks)))
+    if by_slips:
+        best = min(found, key=lambda one: one.cost)
+        asked = slipped or diagnosis.may_have_slipped(best.log, told, best.found)
+        found += with_a_slip(plain, fit, bool(asked))
+    return found
 
 
 def with_a_slip(log: Log, fit: Fit, everywhere: bool) -> list[Rival]:
