@@ -136,7 +136,7 @@ def against(
 
 
 def with_a_slip(log: Log, fit: Fit, everywhere: bool) -> list[Rival]:
-    """Estimates of a log of which one step has slipped, for every step that may have.
+    """Estimates of a log of which one step has slipped, for every step that can be judged.
 
     Each part of the log lies where it does in a map of the longer one. It does so for a slip at
     any step nearby, so one of each group is asked, and EM tells it from its neighbours.
@@ -175,8 +175,8 @@ def _neighbours(n: int) -> list[np.ndarray]:
 def _two_parts(log: Log, step: int, fit: Fit, longest: float):
     """(T, 3) paths as they were if only the first part of a log, or only the second, were right.
 
-    The longer part makes the (K, 2) map, and the other is localised in it; None if there is no
-    map, or if the other one lies where the odometry has it.
+    The longer part makes the (K, 2) map, and the other is localised in it, if it does not lie where
+    the odometry has it; None if there is no map.
     """
     early, late = log.first(step + 1), log.after(step + 1)
     path = dead_reckoning(log.x0_mean, log.odometry)
@@ -198,13 +198,11 @@ def _two_parts(log: Log, step: int, fit: Fit, longest: float):
     joint = step if first else step + 1
     long = _carried(path, path[joint], found.poses[-1 if first else 0])
     long[slice(step + 1) if first else slice(step + 1, None)] = found.poses
-    tight = np.sqrt(SCANS * np.diag(log.odometry_covariances[step]))
-    credited = relocalisation.credited(part, long[from_], tight)
-    if credited > EXPLAINED * (1 - found.shares.clutter):
-        return None
-    sigmas = np.array([longest, longest, TURNED])
-    pivot = int(np.argmax(np.bincount(near.pose_of)))
-    pose = relocalisation.search(part, long[from_], sigmas, np.zeros(2, dtype=bool), pivot).pose
+    pose, tight = long[from_], np.sqrt(SCANS * np.diag(log.odometry_covariances[step]))
+    if relocalisation.credited(part, pose, tight) < EXPLAINED * (1 - found.shares.clutter):
+        sigmas, pivot = np.array([longest, longest, TURNED]), np.argmax(np.bincount(near.pose_of))
+        unknown = np.zeros(2, dtype=bool)
+        pose = relocalisation.search(part, pose, sigmas, unknown, int(pivot)).pose
     short = _carried(path, path[from_], pose)
     if first:
         return long, short, found.landmarks
