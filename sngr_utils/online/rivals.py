@@ -22,6 +22,7 @@ from sngr_utils.world.log import NO_LABEL, Log
 
 SCANS = 8  # next to the slip, by which the shorter part is localised
 STRIDE = 4  # steps for which the parts before and after are placed once
+ENDS = 3  # groups of steps at either end that are always asked: wrong labels there are few
 EXPLAINED = 0.9  # share of the ranges of scans that lie where they are, clutter left out
 OPEN = 0.5  # probability of no landmark that frees a range for one that starts again
 MANY = 0.1  # share of the ranges that no landmark explains
@@ -143,12 +144,12 @@ def with_a_slip(log: Log, fit: Fit, everywhere: bool) -> list[Rival]:
 
     Parameters
     ----------
-    everywhere : ask all steps; else the first and the last one, behind which one scan lies only
+    everywhere : ask all steps; else those near either end, behind which few scans lie
     """
     longest, told = log.ranges.max(initial=0.0), log.odometry_covariances
     found = []
     groups = _neighbours(log.n_poses - 1)
-    for steps in groups if everywhere else [*groups[:1], *groups[1:][-1:]]:
+    for steps in groups if everywhere else [*groups[:ENDS], *groups[ENDS:][-ENDS:]]:
         paths = _two_parts(log, steps[len(steps) // 2], fit, longest)
         if paths is None:
             continue
