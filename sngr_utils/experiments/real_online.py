@@ -75,10 +75,8 @@ def run(name: str, kind: str, p: float, seed: int, variant: str) -> list[dict]:
         found = estimator.run(log, PRESETS[READING], settings, rng=rng)
     head = {"set": name, "kind": kind, "p": p, "seed": seed, "method": variant}
     asked = kind == "labels" and p == ORACLE_AT and variant == "online"
-    oracle = (
-        real_data.heard_rmse(log, truth, filtered_oracle(log, truth)) if asked else float("nan")
-    )
-    return [{**head, **judged(found, log, truth), **oracle}]
+    beside = _oracle_beside(found, log, truth) if asked else dict.fromkeys(BESIDE, float("nan"))
+    return [{**head, **judged(found, log, truth), **beside}]
 
 
 @functools.cache
@@ -118,7 +116,7 @@ def calibrated(log: Log, found: dict[str, float]) -> Log:
     return calibration.of(told).corrected(told)
 
 
-def filtered_oracle(log: Log, truth: Truth, every: int = 1) -> tuple[np.ndarray, np.ndarray]:
+def filtered_oracle(log: Log, truth: Truth, every: int) -> tuple[np.ndarray, np.ndarray]:
     """Least squares with the true labels of all ranges up to a pose: that pose, as it was then.
 
     Returns
