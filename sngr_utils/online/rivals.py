@@ -1,8 +1,9 @@
 """Other estimates of all data, which the one at hand must stand against.
 
 EM from dead reckoning knows nothing of what the estimator has decided on its way. EM with one
-step that slipped is tried at every step: the longer of the two parts makes a map, and the other is
-localised in it. A slip before the first landmark was known is found so, and in no other way.
+step that slipped is tried at every step, if anything hints at a slip, else at the first and the
+last: the longer of the two parts makes a map, and the other is localised in it. A slip before the
+first landmark was known is found so, and in no other way.
 """
 
 from collections.abc import Callable
