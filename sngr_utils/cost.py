@@ -30,6 +30,7 @@ class Config(Scenario, SamplerSettings, BenchSettings, OpenConventions):
     timing_calls : likelihood calls behind each time per call
     """
 
+    n_poses: Annotated[int, Field(ge=5)] = 30  # fewer have no window that may trigger
     seed: Seed = 0
     p_levels: Levels = [0.0, 0.1, 0.2, 0.3]
     tau: Positive = 3.9

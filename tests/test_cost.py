@@ -89,6 +89,8 @@ def test_more_live_points_cost_more(costs):
 def test_bad_cost_names_the_parameter():
     with pytest.raises(ValueError, match="timing_calls"):
         cost.Config(timing_calls=1)
+    with pytest.raises(ValueError, match="n_poses"):
+        cost.Config(n_poses=4)
     with pytest.raises(ValueError, match="p_levels"):
         cost.Config(p_levels=[0.1, 0.1])
 

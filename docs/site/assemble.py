@@ -62,8 +62,8 @@ def write(name: str | Path, text: str) -> None:
 def linked(text: str, folder: Path) -> str:
     """Markdown that stands in `folder`, with links that lead somewhere on the site.
 
-    A module leads to its place in the API, a folder nowhere, a picture or another file to a copy
-    of it.
+    A module leads to its place in the API, a folder nowhere, a film to the site's own, a picture
+    or another file to a copy of it.
     """
 
     def target(match: re.Match) -> str:
@@ -75,6 +75,8 @@ def linked(text: str, folder: Path) -> str:
             return f"[{words}](#{'.'.join(parts)})"
         if path.is_dir():
             return words
+        if path.suffix == ".html":  # a film, which a chapter has brought
+            return f'<a href="{address}">{words}</a>'
         if path == paths.README:
             address = f"{address.removesuffix(path.name)}index.md"
         if path.suffix in {".md", ".ipynb"}:

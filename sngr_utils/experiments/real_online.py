@@ -75,8 +75,8 @@ def run(name: str, kind: str, p: float, seed: int, variant: str) -> list[dict]:
         found = estimator.run(log, PRESETS[READING], settings, rng=rng)
     head = {"set": name, "kind": kind, "p": p, "seed": seed, "method": variant}
     asked = kind == "labels" and p == ORACLE_AT and variant == "online"
-    beside = _oracle_beside(found, log, truth) if asked else dict.fromkeys(BESIDE, float("nan"))
-    return [{**head, **judged(found, log, truth), **beside}]
+    oracle = _oracle_beside(found, log, truth) if asked else dict.fromkeys(BESIDE, float("nan"))
+    return [{**head, **judged(found, log, truth), **oracle}]
 
 
 @functools.cache

@@ -9,12 +9,12 @@ import numpy as np
 
 from sngr_utils.detection import leverage, mirror_image
 from sngr_utils.experiments import estimators, one_range, sampler_contest
-from sngr_utils.online import estimator
+from sngr_utils.online import estimator, window
 from sngr_utils.robust import louis_covariance
 from sngr_utils.sampling import engines
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.targets import compiled
-from sngr_utils.slam import conventions
+from sngr_utils.slam import chain_problem, chain_solver, conventions
 from sngr_utils.slam.selected_inverse import covariance_at, selected_inverse
 from sngr_utils.world import scenario, simulation
 
@@ -29,8 +29,8 @@ def compile_all(jobs: int = 2) -> None:
 
 
 def compile_samplers() -> None:
-    """Nested sampling of windows and of small posteriors, FastSLAM, and the mirror test."""
-    for engine in ("dynesty-compiled", "nested"):
+    """Samplers of windows and of small posteriors, FastSLAM, and the mirror test."""
+    for engine in ("dynesty-compiled", "nested", "fast"):
         _sample(engine)
     sampler_contest.compile_all()
     _estimate("fastslam")
@@ -39,10 +39,13 @@ def compile_samplers() -> None:
 
 
 def compile_estimators() -> None:
-    """The online estimator, the batch estimates, marginals of windows, and the fast path."""
-    log = _small().log(conventions.PRESETS["C"].x0_sigmas)
+    """The online estimator, the batch estimates, and marginals of windows."""
+    log, places = _small().log(conventions.PRESETS["C"].x0_sigmas), _small().landmarks
     settings, rng = estimator.Settings(), np.random.default_rng(0)
     estimator.run(log, conventions.PRESETS["C"], settings, rng=rng)
+    chain = chain_problem.of_log(log, places, 1.0)  # what a longer log would ask for
+    at = chain_solver.state_of(chain, _small().poses, places)
+    window.marginalise(chain, window.nothing(len(places)), at)
     for method in ("em", "em_exclusive", "gnc_tls", "switchable", "max_mixture_all"):
         _estimate(method)
     louis_covariance.times(np.ones((1, 3, 3)), np.ones((1, 3, 5)), np.eye(5), np.ones((5, 1)))
@@ -52,10 +55,9 @@ def compile_estimators() -> None:
         x0_mean=np.zeros(3), x0_sigmas=np.ones(3), odometry_sigmas=np.ones(3),
         landmark_prior_sigma=1.0, range_sigma=1.0,
     )  # fmt: skip
-    at = _small().poses, _small().landmarks
+    at = _small().poses, places
     covariance = covariance_at(*at, _small(), conventions.PRESETS["C"])
     leverage.chi_square(_small(), *at, covariance)
-    _sample("fast")
 
 
 def _estimate(method: str) -> None:

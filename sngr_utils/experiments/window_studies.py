@@ -77,7 +77,7 @@ def _of_one_world(scenario: Scenario, preset: str, p: float, seed: int) -> list[
     tables = [
         window_posteriors.widths(base, some, sampler, rng=rng),
         window_posteriors.marginal_over_conditional(base),
-        window_posteriors.gains(base, factor=0.5),
+        window_posteriors.gains(base),
         pd.concat(laplace),
         ess,
         pd.concat(checks) if checks else pd.DataFrame(),

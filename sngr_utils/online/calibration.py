@@ -37,6 +37,8 @@ class Calibration:
 
     def corrected(self, measured: Log | Measurements) -> Log | Measurements:
         """Distances with their sigmas in place of ranges."""
+        if not self.open and (self.scale, self.offset) == (1.0, 0.0):
+            return measured
         ranges, sigmas = (np.asarray(a, dtype=float) for a in (measured.ranges,
                                                                measured.range_sigmas))  # fmt: skip
         sigmas = sigmas / self.scale

@@ -16,12 +16,14 @@ from sngr_utils.robust.em import SoftEstimate
 from sngr_utils.world.dead_reckoning import relative_motion, wrap_angle
 from sngr_utils.world.log import NO_LABEL, Log
 
-RUNS = (3, 6, 12)  # consecutive poses whose ranges are looked at together
+RUN = 3  # consecutive poses whose ranges are looked at together, and twice as many, and so on
+# Set for what they mean; on development worlds of the kinds of `experiments.every_world`, seeds 200
+# to 224 and 300 to 317, few sound estimates are outside.
 MOST_UNEXPLAINED = 0.5  # share of the ranges: the majority must be from a landmark
 RARE = 0.01  # p-value that is no chance
 POSSIBLE = 0.5  # and one that is worth a question
 MOST_RESIDUAL = 1.6  # variance of ranges over what is told: a sigma that is told a fifth too small
-LEAST_RIVAL = 3.0  # nats: odds of twenty to one
+LEAST_RIVAL = np.log(100.0)  # nats: odds of a hundred to one
 
 
 class DoubtWarning(UserWarning):
@@ -35,7 +37,7 @@ class Diagnosis:
     Attributes
     ----------
     unexplained : share of the ranges that is assigned to no landmark
-    worst_run : p-value of the run of `RUNS` poses with the most of them, see `worst_run`
+    worst_run : p-value of the run of poses with the most of them, see `worst_run`
     residual : mean squared normalised residual of what is assigned, per degree of freedom
     worst_step : p-value of the worst step of the odometry that is trusted, for as many as there are
     rival : by how much the best other estimate is less likely, [nats]; infinite if there is none
@@ -95,26 +97,34 @@ def diagnose(log: Log, told: np.ndarray, found: SoftEstimate, rival: float) -> D
     )
 
 
-def worst_run(log: Log, bad: np.ndarray, lengths: tuple[int, ...] = RUNS) -> float:
+def worst_run(log: Log, bad: np.ndarray, shortest: int = RUN) -> float:
     """p-value of the run of poses with the most bad ranges, if they were spread evenly.
 
-    For as many runs as there are; they overlap, so that it is too large rather than too small.
+    Runs double in length up to half of all poses. The value is for as many as there are; they
+    overlap, so that it is too large rather than too small.
 
     Parameters
     ----------
     bad : (M,) of each range, from 0 to 1
-    lengths : of the runs, in poses
+    shortest : run, in poses
     """
     if len(log.ranges) == 0:
         return 1.0
     share = (bad.sum() + 0.5) / (len(bad) + 1)
     bads = np.bincount(log.pose_of, bad, minlength=log.n_poses)
     counts, tails = np.bincount(log.pose_of, minlength=log.n_poses), []
-    for kernel in (np.ones(min(length, log.n_poses)) for length in lengths):
-        some, all_ = (np.convolve(each, kernel, "valid") for each in (bads, counts))
+    doublings = int(np.log2(max(log.n_poses / (2 * shortest), 1)))
+    for length in shortest * 2 ** np.arange(doublings + 1):
+        some, all_ = (_in_runs(each, min(length, log.n_poses)) for each in (bads, counts))
         tails.append(stats.binom.sf(np.round(some) - 1, np.round(all_), share))
     tails = np.concatenate(tails)
     return float(min(1.0, tails.min() * len(tails)))
+
+
+def _in_runs(values: np.ndarray, length: int) -> np.ndarray:
+    """Sums of so many consecutive values."""
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    return total[length:] - total[:-length]
 
 
 def worst_step(log: Log, told: np.ndarray, poses: np.ndarray) -> float:
@@ -137,15 +147,11 @@ def worst_step(log: Log, told: np.ndarray, poses: np.ndarray) -> float:
 
 
 def may_have_slipped(log: Log, told: np.ndarray, found: SoftEstimate) -> bool:
-    """Is it worth while to ask which step has slipped?
+    """Is it worth while to ask which of the trusted steps has slipped?
 
-    A step that did is wide already, or missed, or wrong labels explain the poses on its other
-    side: they come in a run, perhaps of one pose.
+    If one did, it is missed, or wrong labels explain the poses on its other side: they come in a
+    run, perhaps of one pose.
     """
     right = found.weights[np.arange(len(log.ranges)), log.label_of]
     right[log.label_of == NO_LABEL] = 1 - found.weights[log.label_of == NO_LABEL, -1]
-    return bool(
-        (log.odometry_covariances != told).any()
-        or worst_step(log, told, found.poses) < POSSIBLE
-        or worst_run(log, 1 - right, (1, *RUNS)) < POSSIBLE
-    )
+    return worst_step(log, told, found.poses) < POSSIBLE or worst_run(log, 1 - right, 1) < POSSIBLE

@@ -344,11 +344,12 @@ class Online:
 
     def _stand_against_rivals(self) -> tuple[rivals.Rival, float]:
         """Adopt the likeliest estimate of all data; by how much the next one is worse, [nats]."""
-        belief = self.belief
+        belief, settings = self.belief, self.settings
         log, told, poses, _ = belief.whole()
         ours = rivals.rival(log, told, self._fit(log, (poses, belief.landmarks), 1.0))
-        others = self._rivals(log, told, ours.found)
-        best = min([ours, *others], key=lambda one: one.cost) if self.settings.restart else ours
+        by_slips = settings.restart and settings.doubt_odometry and log.n_poses <= 2 * WINDOW
+        others = rivals.against(log, told, ours.found, self._fit, by_slips)
+        best = min([ours, *others], key=lambda one: one.cost) if settings.restart else ours
         if best.cost > ours.cost - BETTER:
             best = ours
         turned = belief.counts["landmarks turned over"]
@@ -365,23 +366,6 @@ class Online:
         log, _, poses, _ = belief.whole()
         settled = self._fit(log, (poses, belief.landmarks), 1.0)
         return rivals.rival(log, told, settled), max(gap, 0.0)
-
-    def _rivals(self, log: Log, told: np.ndarray, ours: em.SoftEstimate) -> list[rivals.Rival]:
-        """Other estimates of the whole: from nothing, and with fewer or other slips."""
-        belief, places = self.belief, ours.landmarks
-        found = [rivals.renamed(log, ours, self._fit)]
-        found.append(rivals.blind(log, self._fit, ours.poses, places))
-        others = [rivals.rival(log, told, each) for each in found]
-        plain = log.with_covariances(told)
-        if belief.slipped.any():
-            found = rivals.blind(plain, self._fit, ours.poses, places)
-            others.append(rivals.rival(plain, told, found))
-        settings = self.settings
-        if settings.restart and settings.doubt_odometry and log.n_poses <= 2 * WINDOW:
-            best = min(others, key=lambda one: one.cost)
-            asked = diagnosis.may_have_slipped(best.log, told, best.found) or belief.slipped.any()
-            others += rivals.with_a_slip(plain, self._fit, bool(asked))
-        return others
 
     def _vague(self) -> np.ndarray:
         """(K,) bool, landmarks that are nowhere well enough to tell their ranges from others'."""

@@ -1,9 +1,9 @@
 """Other estimates of all data, which the one at hand must stand against.
 
-EM from dead reckoning knows nothing of what the estimator has decided on its way. EM with one
-step that slipped is tried at every step, if anything hints at a slip, else at the first and the
-last: the longer of the two parts makes a map, and the other is localised in it. A slip before the
-first landmark was known is found so, and in no other way.
+EM from dead reckoning knows nothing of what the estimator has decided on its way, nor of the slips
+that it believes in. EM with one step that slipped is tried where one may have: the longer of the
+two parts makes a map, and the other is localised in it. A slip before the first landmark was known
+is found so, and in no other way.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sngr_utils.online import relocalisation, slips
+from sngr_utils.online import diagnosis, relocalisation, slips
 from sngr_utils.online.belief import TURNED, cost
 from sngr_utils.robust import em, growing_map
 from sngr_utils.robust.em import SoftEstimate
@@ -113,8 +113,30 @@ def rival(log: Log, told: np.ndarray, found: SoftEstimate) -> Rival:
     return Rival(log, found, cost_of(log, found) + slips.SLIP_ODDS * slipped + choice * freed)
 
 
+def against(
+    log: Log, told: np.ndarray, ours: SoftEstimate, fit: Fit, by_slips: bool
+) -> list[Rival]:
+    """Other estimates of a whole log: from nothing, and with fewer or other slips.
+
+    Parameters
+    ----------
+    told : (T-1, 3, 3) covariances of its steps as measured; where those of the log are others, the
+        estimate has it that they slipped
+    by_slips : ask which step has slipped
+    """
+    plain, slipped = log.with_covariances(told), (log.odometry_covariances != told).any()
+    found = [rival(log, told, renamed(log, ours, fit))]
+    for each in (log, plain) if slipped else (log,):
+        found.append(rival(each, told, blind(each, fit, ours.poses, ours.landmarks)))
+    if by_slips:
+        best = min(found, key=lambda one: one.cost)
+        asked = slipped or diagnosis.may_have_slipped(best.log, told, best.found)
+        found += with_a_slip(plain, fit, bool(asked))
+    return found
+
+
 def with_a_slip(log: Log, fit: Fit, everywhere: bool) -> list[Rival]:
-    """Estimates of a log of which one step has slipped, for every step that may have.
+    """Estimates of a log of which one step has slipped, for every step that can be judged.
 
     Each part of the log lies where it does in a map of the longer one. It does so for a slip at
     any step nearby, so one of each group is asked, and EM tells it from its neighbours.
@@ -153,8 +175,8 @@ def _neighbours(n: int) -> list[np.ndarray]:
 def _two_parts(log: Log, step: int, fit: Fit, longest: float):
     """(T, 3) paths as they were if only the first part of a log, or only the second, were right.
 
-    The longer part makes the (K, 2) map, and the other is localised in it; None if there is no
-    map, or if the other one lies where the odometry has it.
+    The longer part makes the (K, 2) map, and the other is localised in it, if it does not lie where
+    the odometry has it; None if there is no map.
     """
     early, late = log.first(step + 1), log.after(step + 1)
     path = dead_reckoning(log.x0_mean, log.odometry)
@@ -176,13 +198,11 @@ def _two_parts(log: Log, step: int, fit: Fit, longest: float):
     joint = step if first else step + 1
     long = _carried(path, path[joint], found.poses[-1 if first else 0])
     long[slice(step + 1) if first else slice(step + 1, None)] = found.poses
-    tight = np.sqrt(SCANS * np.diag(log.odometry_covariances[step]))
-    credited = relocalisation.credited(part, long[from_], tight)
-    if credited > EXPLAINED * (1 - found.shares.clutter):
-        return None
-    sigmas = np.array([longest, longest, TURNED])
-    pivot = int(np.argmax(np.bincount(near.pose_of)))
-    pose = relocalisation.search(part, long[from_], sigmas, np.zeros(2, dtype=bool), pivot).pose
+    pose, tight = long[from_], np.sqrt(SCANS * np.diag(log.odometry_covariances[step]))
+    if relocalisation.credited(part, pose, tight) < EXPLAINED * (1 - found.shares.clutter):
+        sigmas, pivot = np.array([longest, longest, TURNED]), np.argmax(np.bincount(near.pose_of))
+        unknown = np.zeros(2, dtype=bool)
+        pose = relocalisation.search(part, pose, sigmas, unknown, int(pivot)).pose
     short = _carried(path, path[from_], pose)
     if first:
         return long, short, found.landmarks

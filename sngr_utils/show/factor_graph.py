@@ -50,7 +50,7 @@ def draw_elimination(
 ) -> None:
     """The graph after the variables of `order` are eliminated, one by one.
 
-    They are grey, with an arrow from each variable that they still wait for. Factors that
+    They are grey, with an arrow from each variable that they depend on. Factors that
     elimination has made are drawn in a colour of their own.
     """
     left = [(set(factor), style.TRUTH, 0.7) for factor in factors]
@@ -76,7 +76,7 @@ def draw_bayes_tree(
     cliques: Sequence[tuple[Collection[str], Collection[str], int | None]],
     marked: Collection[int] = (),
 ) -> None:
-    """Cliques as boxes, the root on top: "variables : what they wait for".
+    """Cliques as boxes, the root on top: "variables : what they depend on".
 
     Parameters
     ----------

@@ -61,7 +61,8 @@ def test_corrections_add_up_and_the_prior_stays_where_it_was(drawn):
     assert calibration.of(log).opened(log).scale == (1.0, 0.0)
 
 
-def test_no_distance_is_negative(drawn):
+def test_no_distance_is_negative_and_none_is_changed_for_nothing(drawn):
     log = drawn.log(C.x0_sigmas)
+    assert calibration.of(log).corrected(log) is log
     shifted = calibration.of(replace(log, offset=(100.0, 1.0))).corrected(log)
     assert (shifted.ranges > 0).all()

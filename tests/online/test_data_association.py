@@ -232,10 +232,10 @@ def test_ranges_of_different_scans_may_share_a_landmark():
 def test_a_doubt_in_one_scan_asks_no_question_of_another():
     """The plain range's landmark is the first of the first pose, the doubtful one is the second."""
     data = scans([0, 1], pose_of=[0, 1])
-    found = innovations([[4.0, 5.0, 5.0], [900.0, 1.0, 1.0]])
-    assignment = decide(data, found, used=[0, DROPPED], exclusive=True)
+    found = innovations([[4.0, 5.0, 5.0], [1.0, 900.0, 1.0]])
+    assignment = decide(data, found, exclusive=True)
     assert assignment.weights[0].tolist() == [1, 0, 0, 0]
-    assert assignment.weights[1] == pytest.approx([0, 8 / 9, 1 / 9, 0], abs=1e-12)  # by the labels
+    assert assignment.weights[1] == pytest.approx([0.5, 0, 0.5, 0], abs=1e-12)
 
 
 def test_what_no_known_landmark_explains_came_from_one_that_is_not_in_the_map():

@@ -27,12 +27,24 @@ def test_a_run_of_bad_ranges_has_the_binomial_p_value(drawn):
     log = drawn.log(C.x0_sigmas)
     bad = (log.pose_of == 7).astype(float)
     share = 6.5 / (len(bad) + 1)
-    one = diagnosis.worst_run(log, bad, (1,))
-    assert one == pytest.approx(log.n_poses * stats.binom.sf(5, 6, share))
-    assert one < 1e-6
+    runs = sum(log.n_poses + 1 - length for length in (1, 2, 4, 8))
+    found = diagnosis.worst_run(log, bad, 1)
+    assert found == pytest.approx(runs * stats.binom.sf(5, 6, share))
+    assert found < 1e-5
     assert diagnosis.worst_run(log, np.zeros(len(bad))) == 1.0
-    long = np.isin(log.pose_of, range(4, 16)).astype(float)
-    assert diagnosis.worst_run(log, long, (12,)) < 0.01 * diagnosis.worst_run(log, long, (3,))
+
+
+def test_a_second_half_that_is_lost_is_a_run_however_long(drawn):
+    """No short run of it is rare."""
+    log = drawn.log(C.x0_sigmas)
+    pose = np.repeat(np.arange(400), 2)
+    bad = (pose >= 200).astype(float)
+    long = log._with(
+        odometry=np.zeros((399, 3)), pose_of=pose, ranges=np.ones(800), label_of=np.zeros(800, int)
+    )
+    assert diagnosis.worst_run(long, bad) < 1e-50
+    assert diagnosis.worst_run(long, bad * (pose < 206)) < diagnosis.RARE
+    assert diagnosis.worst_run(long, (pose % 2).astype(float)) == 1.0
 
 
 def test_clutter_that_is_spread_evenly_is_rarely_a_run(drawn):

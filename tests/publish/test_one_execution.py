@@ -9,24 +9,29 @@ import shutil
 import numpy as np
 import pytest
 from PIL import Image
-from small_project import NAME, at_home_in, declared_cell, make_project, write_notebook
+from small_project import (
+    NAME,
+    at_home_in,
+    declared_cell,
+    light_body,
+    make_project,
+    write_notebook,
+)
 
 from sngr_utils import paths
 from sngr_utils.publish import run
 
-BODY = """
+BODY = (
+    light_body()
+    + """
 import os
-from pathlib import Path
 import matplotlib.pyplot as plt
-from sngr_utils.publish import report
 with Path("../build/executions").open("a") as log: print(os.getpid(), file=log)
-paper = report.Report("01_bimodal", output_dir)
-paper.value("seed", seed)
-paper.save()
 print(f"the seed is {seed}")
 fig, ax = plt.subplots(figsize=(2, 2))
 ax.plot([seed, 1]);
 """
+)
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +119,7 @@ def test_a_stale_run_is_executed_by_the_test_and_then_serves_the_paper(folder):
 
 def test_a_damaged_run_is_no_run(folder):
     (damaged,) = paths.RUNS.glob(f"{NAME}.*/{NAME}.json")
-    damaged.write_text(damaged.read_text().replace("seed", "sead"))
+    damaged.write_text(damaged.read_text().replace("values", "volues"))
     compare(folder)
     assert executions() == 2
 

@@ -203,6 +203,10 @@ SAME = "two tables disagree"
         ("cost/0.0/exhaustive", "400", {
             ("cost/0.0/saving", "saving", "400 / 44 seconds"),
             ("cost/0.0/exhaustive", "seconds per window", "400 s for 28 windows")}),
+        ("diagnostics_p0.2/delta_logp_max_in_conclusion", "5", set()),  # 5.04, rounded
+        ("diagnostics_p0.2/delta_logp_max_in_conclusion", "5.1", {
+            ("diagnostics_p0.2/delta_logp_range/1 diagnostics_p0.2/delta_logp_max_in_conclusion",
+             "largest gain", "two values of the same maximum")}),
     ],
 )  # fmt: skip
 def test_each_relation_can_be_violated(numbers, path, text, expected):

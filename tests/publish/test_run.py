@@ -16,6 +16,7 @@ from small_project import (
     NAME,
     at_home_in,
     declared_cell,
+    light_body,
     make_project,
     write_notebook,
 )
@@ -514,7 +515,8 @@ def test_what_would_be_overlooked_is_an_error(project):
 def test_failing_notebook_keeps_what_was_published(published, capsys):
     before = {p: p.read_bytes() for p in paths.FIGURES.iterdir()}
     before |= {p: p.read_bytes() for p in paths.RESULTS.iterdir()}
-    write_notebook(published, declared_cell(published), BODY, "\nraise RuntimeError('on purpose')")
+    failing = light_body() + "\nraise RuntimeError('on purpose')"
+    write_notebook(published, declared_cell(published), failing)
     assert main(["notebook", NAME]) == 1
     message = capsys.readouterr().err
     assert "RuntimeError: on purpose" in message
@@ -533,7 +535,8 @@ def test_notebook_that_saves_nothing_is_an_error(project):
 def test_figures_no_longer_drawn_are_removed(published):
     """And nothing that no run has made."""
     (paths.FIGURES / f"{NAME}_mine.pdf").write_text("mine")
-    write_notebook(published, declared_cell(published), BODY.replace('"f")', '"g")'))
+    drawn = light_body(f"{NAME}_g.pdf", f"{NAME}_f_timing.pdf")
+    write_notebook(published, declared_cell(published), drawn)
     run.run_notebook(NAME)
     assert sorted(p.name for p in paths.FIGURES.iterdir()) == [
         f"{NAME}_f_timing.pdf",
@@ -543,6 +546,7 @@ def test_figures_no_longer_drawn_are_removed(published):
 
 
 def test_quick_and_refresh(project):
+    write_notebook(project, declared_cell(project), light_body())
     run.run_quick(NAME)
     assert (project / f"build/quick/{NAME}/{NAME}.json").exists()
     assert not paths.FIGURES.exists()

@@ -187,9 +187,18 @@ def test_where_too_many_are_open_the_least_plausible_pairs_go_first():
 
 def test_where_too_many_are_open_every_range_is_on_its_own_and_that_is_said():
     logs = np.random.default_rng(0).normal(size=(18, 19))
-    with pytest.warns(mutual_exclusion.ExclusionWarning, match="1 scans have more than 14"):
+    with pytest.warns(mutual_exclusion.ExclusionWarning, match="1 scans have more than 14") as told:
         found = mutual_exclusion.exclusive_posterior(logs)
+    assert told[0].filename == __file__
     assert np.allclose(found, association.posterior(logs))
+
+
+def test_em_says_of_how_many_scans_it_gave_up_exclusion():
+    """One place sees 18 landmarks in a heap, a tenth of their ranges' noise apart."""
+    heap = np.array([5.0, 0.0]) + 0.01 * np.random.default_rng(0).normal(size=(18, 2))
+    given = scans(np.zeros(18, dtype=int), np.arange(18), np.full(18, 5.0), np.zeros((2, 3)), heap)
+    with pytest.warns(mutual_exclusion.ExclusionWarning, match="1 scans have more than 14"):
+        em.fit(given, C, (np.zeros((2, 3)), heap), exclusive=True, clutter=False)
 
 
 def test_unknown_start_is_refused():
