@@ -38,6 +38,7 @@ class Config(ManyWorlds):
     n_windows, p_windows : worlds and level of the experiments window by window
     """
 
+    n_poses: Annotated[int, Field(ge=5)] = 30  # fewer have no window that may trigger
     n_seeds: Annotated[int, Field(ge=2)] = 30
     p_levels: Levels = [0.0, 0.1, 0.2, 0.3, 0.4]
     taus: Annotated[list[Positive], Field(min_length=1), Distinct] = [3.9, 3.92, 3.96, 4.0]

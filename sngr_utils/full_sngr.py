@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from sngr_utils.sampling.settings import EngineChoice, SamplerSettings
 from sngr_utils.settings import Levels, Positive, Probability, Seed
@@ -35,6 +35,7 @@ class Config(Scenario, EngineChoice, SamplerSettings, Gate, TriggerOnly, OpenCon
     p_noop : level of the trigger-only baseline
     """
 
+    n_poses: Annotated[int, Field(ge=5)] = 30  # fewer have no window that may trigger
     seed: Seed = 0
     p_levels: Levels = [0.0, 0.1, 0.2, 0.3]
     p_diagnosed: Probability = 0.2

@@ -161,6 +161,23 @@ def test_an_oracle_while_driving_is_least_squares_up_to_a_pose(small):
     np.testing.assert_allclose(poses[2], alone, atol=1e-4)
 
 
+def test_a_row_of_the_online_study_has_the_oracle_beside(small, monkeypatch):
+    """Right labels on a small world: both know as much while driving, and err by a few sigmas."""
+    world, log = small
+    truth = Truth(poses=world.poses, landmarks=world.landmarks, source_of=world.source_of)
+    radios = {"scale": 1.0, "offset": 0.0, "range_sigma": 0.1}
+    monkeypatch.setattr(real_online.plaza, "read", lambda _: None)
+    monkeypatch.setattr(real_experiments, "changed", lambda *_, rng: (log, truth))
+    monkeypatch.setattr(real_online, "found_in", lambda _: radios)
+    (row,) = real_online.run("Plaza1", "labels", real_online.ORACLE_AT, 100, "online")
+    assert 0.05 < row["filtered_oracle"] < 0.5
+    assert row["filtered_beside"] < 1.5 * row["filtered_oracle"]
+    assert row["final"] < 1.5 * row["oracle"]
+    assert row["right"] == 1.0
+    (row,) = real_online.run("Plaza1", "labels", 0.0, 100, "online")
+    assert np.isnan([row["filtered_oracle"], row["filtered_beside"]]).all()
+
+
 def test_what_is_handed_online_leaves_scale_and_offset_open(small):
     _, log = small
     found = {"scale": 1.07, "offset": 0.2, "range_sigma": 0.107}

@@ -120,7 +120,7 @@ def calibrated(log: Log, found: dict[str, float]) -> Log:
     return calibration.of(told).corrected(told)
 
 
-def filtered_oracle(log: Log, truth: Truth, every: int = 1) -> tuple[np.ndarray, np.ndarray]:
+def filtered_oracle(log: Log, truth: Truth, every: int) -> tuple[np.ndarray, np.ndarray]:
     """Least squares with the true labels of all ranges up to a pose: that pose, as it was then.
 
     Returns

@@ -1,7 +1,8 @@
 """Other people's estimators on the Plaza sets, all through one door.
 
-Each is handed the log that the online estimator gets (`real_online.calibrated`), and landmarks that
-start at the best cell of a grid over all ranges, which is more than an incremental one could know.
+Each is handed a log whose ranges are corrected by what the other drive shows, for not all can find
+a scale (`real_online.calibrated`), and landmarks that start at the best cell of a grid over all
+ranges, which is more than an incremental one could know.
 
 Not here: DC-SAM (`gtsam.DCSAM`), which took 0.7 s for the first 100 poses of Plaza2, 7.5 s for 200
 and more than 70 s for 500, so that a whole drive is out of its reach; SNGR and FastSLAM as we have

@@ -35,4 +35,4 @@ def test_a_constant_is_changed_wherever_it_is_used_and_put_back(monkeypatch):
     assert seen == [(2 * before, 2 * before)]
     assert data_association.VAGUE == landmarks.VAGUE == before
     assert row["constant"] == "data_association.VAGUE"
-    assert len(sensitivity.cells(range(2))) == 6 * (1 + 2 * len(sensitivity.CONSTANTS))
+    assert len(sensitivity.cells(range(2))) == 6 * (1 + 2 * len(sensitivity.constants()))

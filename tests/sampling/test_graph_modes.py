@@ -94,6 +94,8 @@ def test_what_cannot_be_sampled_is_refused(log):
         graph_modes.modes_of(log.keep(np.zeros(3, bool)), rng=np.random.default_rng(0))
     with pytest.raises(ValueError, match="scale and offset"):
         whole_graph.of_log(replace(log, scale=(1.0, 0.1)))
+    with pytest.raises(ValueError, match="label_probabilities of row 1 must sum"):
+        whole_graph.of_log(replace(log, label_probabilities=[[1.0], [0.9], [1.0]]))
     longer = log.joined(log)
     for _ in range(3):
         longer = longer.joined(longer)

@@ -84,11 +84,15 @@ class WholeGraph:
 
 
 def of_log(log: Log) -> WholeGraph:
-    """The posterior of a log. A landmark without a survey is as far as the longest range, or so.
+    """The posterior of a log.
+
+    A landmark without a survey has a Gaussian prior about the middle of the dead-reckoned path,
+    whose sigma is the longest range.
 
     Raises
     ------
-    ValueError : no range, a calibration to be estimated, or more than `MOST` unknowns
+    ValueError : no range, a calibration to be estimated, more than `MOST` unknowns, or a range
+        that may come from no landmark
     """
     d = 3 * log.n_poses + 2 * log.n_landmarks
     if not len(log.ranges):
@@ -104,6 +108,9 @@ def of_log(log: Log) -> WholeGraph:
             1 / log.n_landmarks,
             log.label_of[:, None] == np.arange(log.n_landmarks),
         )
+    clutter = np.flatnonzero(np.sum(shares, axis=1) < 1 - 1e-9)
+    if len(clutter):
+        raise ValueError(f"label_probabilities of row {clutter[0]} must sum to one")
     middle = dead_reckoning(log.x0_mean, log.odometry)[:, :2].mean(axis=0)
     surveyed = np.isfinite(log.landmark_sigmas)
     return WholeGraph(GraphFactors(
