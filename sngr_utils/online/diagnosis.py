@@ -41,7 +41,8 @@ class Diagnosis:
     residual : mean squared normalised residual of what is assigned, per degree of freedom
     worst_step : p-value of the worst step of the odometry that is trusted, for as many as there are
     rival : by how much the best other estimate is less likely, [nats]; infinite if there is none
-    vague : sigma of a position, over the poses in the mean square, in range sigmas
+    vague : sigma of a position, over the poses in the mean square, in range sigmas; infinite
+        without ranges
     reasons : in words; empty if there is no doubt
     """
 
@@ -86,14 +87,13 @@ def diagnose(log: Log, told: np.ndarray, found: SoftEstimate, rival: float) -> D
     squared = np.nansum(found.responsibilities * (residuals / log.range_sigmas[:, None]) ** 2)
     freedom = (1 - none).sum() - 2 * np.isfinite(found.landmarks[:, 0]).sum()
     spread = np.sqrt(found.position_covariances.trace(axis1=1, axis2=2).mean() / 2)
-    sigma = np.median(log.range_sigmas) if len(log.ranges) else np.inf
     return Diagnosis(
         unexplained=float(none.mean()) if len(none) else 0.0,
         worst_run=worst_run(log, none),
         residual=float(squared / freedom) if freedom > 0 else 1.0,
         worst_step=worst_step(log, told, found.poses),
         rival=float(rival),
-        vague=float(spread / sigma),
+        vague=float(spread / np.median(log.range_sigmas)) if len(log.ranges) else np.inf,
     )
 
 

@@ -403,9 +403,10 @@ def test_few_poses_are_dead_reckoning_and_doubted(n):
     assert found.diagnosis.doubtful
 
 
-def test_no_ranges_are_dead_reckoning():
+def test_no_ranges_are_dead_reckoning_and_doubted():
     drawn = make(0.2)
-    found = run(drawn.keep(np.zeros(len(drawn.ranges), dtype=bool)))
+    with pytest.warns(diagnosis.DoubtWarning):
+        found = run(drawn.keep(np.zeros(len(drawn.ranges), dtype=bool)))
     expected = dead_reckoning.dead_reckoning(drawn.x0_mean, drawn.odometry)
     assert found.poses == pytest.approx(expected, abs=1e-9)
     assert found.in_doubt.all()
