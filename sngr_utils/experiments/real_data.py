@@ -237,7 +237,8 @@ def run_goats(number: int) -> list[dict]:
     left = _missed(seen, soft.poses, soft.landmarks)[soft.weights[:, -1] < 0.5]
     return [{
         "set": f"goats_{number}", "held_out": int(held.sum()),
-        "median": float(np.median(errors)), "median_error": _error_of_median(errors),
+        "median": float(np.median(errors)),
+        "median_error": _error_of_median(errors, rng=np.random.default_rng(number)),
         "ninth_decile": float(np.quantile(errors, 0.9)),
         "far": float(np.mean(errors > FAR)),
         "median_huber": float(np.median(np.abs(_missed(asked, doubted.poses, doubted.landmarks)))),
@@ -253,9 +254,9 @@ def _missed(log: Log, poses: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
     return log.ranges - np.linalg.norm(landmarks[log.label_of] - poses[log.pose_of, :2], axis=1)
 
 
-def _error_of_median(values: np.ndarray) -> float:
-    """Standard error of a median, by the bootstrap; the same draws whenever it is asked."""
-    found = stats.bootstrap((values,), np.median, n_resamples=500, method="percentile", rng=0)
+def _error_of_median(values: np.ndarray, *, rng: np.random.Generator) -> float:
+    """Standard error of a median, by the bootstrap."""
+    found = stats.bootstrap((values,), np.median, n_resamples=500, method="percentile", rng=rng)
     return float(found.standard_error)
 
 

@@ -273,9 +273,11 @@ class Online:
         log, told, poses, _ = belief.whole()
         found = self._fit(self.calibration.opened(log), (poses, belief.landmarks), 1.0)
         left = calibration.of(log).after(found.calibration)
+        if not left.scale > 0:
+            return
         corrected, stretched = left.corrected(log), len(log.ranges) * np.log(left.scale)
         least = cost(log, poses, belief.landmarks, belief.shares) + BETTER
-        if cost(corrected, found.poses, found.landmarks, found.shares) + stretched > least:
+        if not cost(corrected, found.poses, found.landmarks, found.shares) + stretched <= least:
             return
         self.calibration = self.calibration.after(found.calibration)
         self._adopt(corrected, told, found)
@@ -313,8 +315,11 @@ class Online:
         graph_poses = belief.whole()[2]
         best, gap = self._stand_against_rivals()
         ours, (log, told, poses, used) = best.found, belief.whole()
-        if self.calibration.open:
-            ours = self._fit(self.calibration.opened(log), (poses, belief.landmarks), 1.0)
+        calibrated = self.calibration
+        if calibrated.open:
+            ours = self._fit(calibrated.opened(log), (poses, belief.landmarks), 1.0)
+            calibrated = calibrated.after(ours.calibration)
+            log = calibration.of(log).after(ours.calibration).corrected(log)
         landmarks, covariances = ours.landmarks, ours.position_covariances
         if self.settings.soft:
             poses = ours.poses
@@ -334,7 +339,7 @@ class Online:
         belief.counts["swapped"] = int(np.sum((used != DROPPED) & (used != log.label_of)))
         found = OnlineEstimate(
             poses, landmarks, own, in_doubt, graph_poses, used,
-            covariances, np.array([self.calibration.scale, self.calibration.offset]),
+            covariances, np.array([calibrated.scale, calibrated.offset]),
             wrong, ours.shares.clutter, np.array(self.filtered),
             belief.counts, diagnosis.diagnose(log, told, ours, gap), best.cost,
         )  # fmt: skip
