@@ -73,9 +73,15 @@ def draw(ax: Axes, rows: pd.DataFrame) -> None:
 
 
 def record(rows: pd.DataFrame, to: report.Report) -> None:
-    """Hand on how many worlds were lost, and how many of which doubted themselves."""
+    """Hand on how many worlds were lost, how many of which doubted themselves, or were to be found.
+
+    Lost by the search is a world in which EM from the truth finds a better estimate, which is
+    likelier by a nat.
+    """
     lost, doubted = rows["final"] > LOST, rows["doubtful"] > 0
     to.value("worlds.n", len(rows), ".0f")
     to.value("worlds.lost", lost.sum(), ".0f")
     to.value("worlds.lost_doubted", (lost & doubted).sum(), ".0f")
     to.value("worlds.others_doubted", (~lost & doubted).sum(), ".0f")
+    missed = (rows["at_truth"] <= LOST) & (rows["behind"] > 1.0)
+    to.value("worlds.lost_by_search", (lost & missed).sum(), ".0f")

@@ -9,7 +9,7 @@ ROWS = pd.DataFrame({
     "final": [1.0, 1.2, 2.0], "filtered": [1.0, 1.1, 3.0], "known": [1.0, 1.0, 0.5],
     "landmark_ratio": [1.0, 1.0, 2.0], "nees": [2.0, 2.0, 9.0], "oracle_nees": [2.0, 2.0, 2.0],
     "doubtful": [0, 1, 1], "cauchy": [1.1, 1.3, 9.0], "gnc_tls": [1.0, 1.2, 9.0],
-    "em_exclusive": [1.0, 1.1, 8.0],
+    "em_exclusive": [1.0, 1.1, 8.0], "at_truth": [1.0, 1.0, 1.1], "behind": [0.0, 2.0, 2.0],
 })  # fmt: skip
 
 
@@ -22,7 +22,7 @@ def test_a_row_for_each_kind_says_how_many_are_lost_and_doubted():
     assert [str(cell) for cell in table["Cauchy, mean"]] == ["1.20", "9.00"]
 
 
-def test_a_circle_for_each_world_and_four_numbers(tmp_path):
+def test_a_circle_for_each_world_and_five_numbers(tmp_path):
     _fig, ax = style.figure()
     worlds.draw(ax, ROWS)
     assert [label.get_text() for label in ax.get_yticklabels()] == list(worlds.cases(ROWS))
@@ -33,6 +33,7 @@ def test_a_circle_for_each_world_and_four_numbers(tmp_path):
     found = {key: entry["value"] for key, entry in handed_on(to).items()}
     assert found == {
         "worlds.n": 3, "worlds.lost": 1, "worlds.lost_doubted": 1, "worlds.others_doubted": 1,
+        "worlds.lost_by_search": 1,
     }  # fmt: skip
 
 
