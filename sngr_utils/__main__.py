@@ -153,7 +153,9 @@ COMMANDS = {
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m sngr_utils", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m sngr_utils", description=__doc__.splitlines()[0]
+    )
     commands = parser.add_subparsers(dest="command", required=True)
     for name, (work, meaning) in COMMANDS.items():
         command = commands.add_parser(name, help=meaning)

@@ -98,13 +98,14 @@ def summary(recording: Recording, grown: GrownMap) -> list[str]:
     lines.append(f"range sigma {found:.3g} m +- {errors[RANGE]:.0%}")
     for name, unit in SOURCES.items():
         if noise.sigmas[name]:
-            error = min(errors[name], 1.0)  # more than all of it is no number
-            lines.append(f"odometry, {name}: {noise.sigmas[name]:.2g} {unit} +- {error:.0%}")
+            told = f"odometry, {name}: {noise.sigmas[name]:.2g} {unit}"
+            known = errors[name] < 1
+            lines.append(f"{told} +- {errors[name]:.0%}" if known else f"{told}, hardly determined")
     if np.any(log.label_of != NO_LABEL):
         lines.append(f"{soft.shares.wrong:.1%} of the labels are wrong")
     lines.append(
-        f"{soft.shares.clutter:.1%} of the ranges are from no landmark, "
-        f"of those held out {grown.unexplained:.1%}"
+        f"{soft.shares.clutter:.1%} of the ranges are from no landmark; "
+        f"of every tenth, foretold from the others, {grown.unexplained:.1%} fit none"
     )
     truth = recording.truth
     if truth is not None and truth.poses is not None:
