@@ -90,7 +90,8 @@ def summary(recording: Recording, grown: GrownMap) -> list[str]:
     for k, name in enumerate(recording.landmark_names):
         sigma = np.sqrt(np.trace(covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]) / 2)
         x, y = soft.landmarks[k]
-        lines.append(f"landmark {name} at {x:.2f}, {y:.2f} m, +- {sigma:.2f} m")
+        place = f"at {x:.2f}, {y:.2f} m, +- {sigma:.2f} m" if np.isfinite(x) else "is not found"
+        lines.append(f"landmark {name} {place}")
     for name, value, sigma in _calibration(grown):
         lines.append(f"{name} {value:.4f} +- {sigma:.4f}")
     errors = noise.errors
