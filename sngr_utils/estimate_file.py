@@ -101,7 +101,7 @@ def summary(recording: Recording, grown: GrownMap) -> list[str]:
         if noise.sigmas[name]:
             error = min(errors[name], 1.0)  # more than all of it is no number
             lines.append(f"odometry, {name}: {noise.sigmas[name]:.2g} {unit} +- {error:.0%}")
-    if np.any(log.label_of != NO_LABEL):
+    if np.any(log.label_of != NO_LABEL) and log.label_probabilities is None:
         lines.append(f"{soft.shares.wrong:.1%} of the labels are wrong")
     lines.append(
         f"{soft.shares.clutter:.1%} of the ranges are from no landmark, "

@@ -138,3 +138,12 @@ def test_a_landmark_that_is_not_found_has_no_place(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "is not found\n" in said
     assert "nan" not in said
+
+
+def test_labels_are_not_judged_where_chances_stand_for_them(tmp_path, capsys):
+    world = simulate(Scenario(n_poses=20, n_landmarks=2), 0.0, rng=np.random.default_rng(103))
+    log = world.log([0.01, 0.01, 0.001])
+    chances = np.full((len(log.ranges), 2), 0.5)
+    tables.write(tmp_path, Recording(replace(log, label_probabilities=chances), None, ["a", "b"]))
+    assert command_line.main(["estimate", str(tmp_path)]) == 0
+    assert "of the labels are wrong" not in capsys.readouterr().out
