@@ -6,6 +6,7 @@ import sys
 import tempfile
 import warnings
 from concurrent.futures import Future
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 
@@ -38,7 +39,7 @@ def run(path: Path, out: Path | None, overwrite: bool) -> None:
     """
     with warnings.catch_warnings(record=True) as odd:
         warnings.simplefilter("always", LogWarning)
-        recording = formats.read(path)
+        recording = _printable(formats.read(path))
     for text in dict.fromkeys(str(warning.message) for warning in odd):
         print(f"warning: {_in_names(text, recording)}", file=sys.stderr)
     places = _places(path, out, overwrite)
@@ -53,6 +54,12 @@ def run(path: Path, out: Path | None, overwrite: bool) -> None:
     except OSError as error:
         raise ValueError(f"{places[0].parent}: {error.strerror or error}") from None
     print("\n".join([*summary(recording, grown), *(f"written: {place}" for place in places)]))
+
+
+def _printable(recording: Recording) -> Recording:
+    """The same with names that cannot command a terminal."""
+    names = [name if name.isprintable() else repr(name)[1:-1] for name in recording.landmark_names]
+    return replace(recording, landmark_names=names)
 
 
 def _estimate(path: Path, recording: Recording) -> GrownMap:

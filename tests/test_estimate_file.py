@@ -147,3 +147,13 @@ def test_labels_are_not_judged_where_chances_stand_for_them(tmp_path, capsys):
     tables.write(tmp_path, Recording(replace(log, label_probabilities=chances), None, ["a", "b"]))
     assert command_line.main(["estimate", str(tmp_path)]) == 0
     assert "of the labels are wrong" not in capsys.readouterr().out
+
+
+def test_a_name_in_the_file_does_not_command_the_terminal(tmp_path, capsys):
+    world = simulate(Scenario(n_poses=20, n_landmarks=2), 0.0, rng=np.random.default_rng(104))
+    names = ["\x1b[2Ja", "b"]
+    tables.write(tmp_path, Recording(world.log([0.01, 0.01, 0.001]), None, names))
+    assert command_line.main(["estimate", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert "\x1b" not in said
+    assert "landmark \\x1b[2Ja at" in said
