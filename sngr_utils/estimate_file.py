@@ -6,6 +6,7 @@ import sys
 import tempfile
 import warnings
 from concurrent.futures import Future
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 
@@ -38,7 +39,7 @@ def run(path: Path, out: Path | None, overwrite: bool) -> None:
     """
     with warnings.catch_warnings(record=True) as odd:
         warnings.simplefilter("always", LogWarning)
-        recording = formats.read(path)
+        recording = _printable(formats.read(path))
     for text in dict.fromkeys(str(warning.message) for warning in odd):
         print(f"warning: {_in_names(text, recording)}", file=sys.stderr)
     places = _places(path, out, overwrite)
@@ -53,6 +54,12 @@ def run(path: Path, out: Path | None, overwrite: bool) -> None:
     except OSError as error:
         raise ValueError(f"{places[0].parent}: {error.strerror or error}") from None
     print("\n".join([*summary(recording, grown), *(f"written: {place}" for place in places)]))
+
+
+def _printable(recording: Recording) -> Recording:
+    """The same with names that cannot command a terminal."""
+    names = [name if name.isprintable() else repr(name)[1:-1] for name in recording.landmark_names]
+    return replace(recording, landmark_names=names)
 
 
 def _estimate(path: Path, recording: Recording) -> GrownMap:
@@ -90,7 +97,8 @@ def summary(recording: Recording, grown: GrownMap) -> list[str]:
     for k, name in enumerate(recording.landmark_names):
         sigma = np.sqrt(np.trace(covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]) / 2)
         x, y = soft.landmarks[k]
-        lines.append(f"landmark {name} at {x:.2f}, {y:.2f} m, +- {sigma:.2f} m")
+        place = f"at {x:.2f}, {y:.2f} m, +- {sigma:.2f} m" if np.isfinite(x) else "is not found"
+        lines.append(f"landmark {name} {place}")
     for name, value, sigma in _calibration(grown):
         lines.append(f"{name} {value:.4f} +- {sigma:.4f}")
     errors = noise.errors
@@ -101,7 +109,7 @@ def summary(recording: Recording, grown: GrownMap) -> list[str]:
             told = f"odometry, {name}: {noise.sigmas[name]:.2g} {unit}"
             known = errors[name] < 1
             lines.append(f"{told} +- {errors[name]:.0%}" if known else f"{told}, hardly determined")
-    if np.any(log.label_of != NO_LABEL):
+    if np.any(log.label_of != NO_LABEL) and log.label_probabilities is None:
         lines.append(f"{soft.shares.wrong:.1%} of the labels are wrong")
     lines.append(
         f"{soft.shares.clutter:.1%} of the ranges are from no landmark; "

@@ -10,7 +10,7 @@ from sngr_utils import __main__ as command_line
 from sngr_utils.files import pyfg, tables
 from sngr_utils.files.recording import Recording
 from sngr_utils.robust import growing_map
-from sngr_utils.world.log import NO_LABEL
+from sngr_utils.world.log import NO_LABEL, LogWarning
 from sngr_utils.world.scenario import Scenario
 from sngr_utils.world.simulation import simulate
 
@@ -126,3 +126,34 @@ def test_a_reader_of_the_summary_that_goes_away_costs_no_result(log_file, capsys
     assert command_line.main(["estimate", str(log_file)]) == 1
     assert "error: Broken pipe" in capsys.readouterr().err
     assert log_file.with_name("mine_estimate.tum").exists()
+
+
+def test_a_landmark_that_is_not_found_has_no_place(tmp_path, capsys):
+    world = simulate(Scenario(n_poses=20, n_landmarks=2), 0.0, rng=np.random.default_rng(102))
+    log = world.log([0.01, 0.01, 0.001])
+    with pytest.warns(LogWarning, match="no range"):
+        log = replace(log, n_landmarks=4, landmark_means=None, landmark_sigmas=None)
+    tables.write(tmp_path, Recording(log, None, list("abcd")))
+    assert command_line.main(["estimate", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert "is not found\n" in said
+    assert "nan" not in said
+
+
+def test_labels_are_not_judged_where_chances_stand_for_them(tmp_path, capsys):
+    world = simulate(Scenario(n_poses=20, n_landmarks=2), 0.0, rng=np.random.default_rng(103))
+    log = world.log([0.01, 0.01, 0.001])
+    chances = np.full((len(log.ranges), 2), 0.5)
+    tables.write(tmp_path, Recording(replace(log, label_probabilities=chances), None, ["a", "b"]))
+    assert command_line.main(["estimate", str(tmp_path)]) == 0
+    assert "of the labels are wrong" not in capsys.readouterr().out
+
+
+def test_a_name_in_the_file_does_not_command_the_terminal(tmp_path, capsys):
+    world = simulate(Scenario(n_poses=20, n_landmarks=2), 0.0, rng=np.random.default_rng(104))
+    names = ["\x1b[2Ja", "b"]
+    tables.write(tmp_path, Recording(world.log([0.01, 0.01, 0.001]), None, names))
+    assert command_line.main(["estimate", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert "\x1b" not in said
+    assert "landmark \\x1b[2Ja at" in said
