@@ -40,6 +40,7 @@ class Diagnosis:
     worst_run : p-value of the run of poses with the most of them, see `worst_run`
     residual : mean squared normalised residual of what is assigned, per degree of freedom
     worst_step : p-value of the worst step of the odometry that is trusted, for as many as there are
+    drift : p-value of the mean error of these steps, ahead, sideways, or in heading
     rival : by how much the best other estimate is less likely, [nats]; infinite if there is none
     vague : sigma of a position, over the poses in the mean square, in range sigmas; infinite
         without ranges
@@ -50,6 +51,7 @@ class Diagnosis:
     worst_run: float
     residual: float
     worst_step: float
+    drift: float
     rival: float
     vague: float
 
@@ -63,6 +65,7 @@ class Diagnosis:
                 self.worst_run < RARE,
             f"residuals are {self.residual:.1f} times the noise": self.residual > MOST_RESIDUAL,
             f"a step of the odometry is missed (p {self.worst_step:.0e})": self.worst_step < RARE,
+            f"odometry and map disagree by a drift (p {self.drift:.0e})": self.drift < RARE,
             f"another estimate is less likely by {self.rival:.1f} nats only":
                 self.rival < LEAST_RIVAL,
             f"positions err by {self.vague:.0f} range sigmas": self.vague > VAGUE,
@@ -92,6 +95,7 @@ def diagnose(log: Log, told: np.ndarray, found: SoftEstimate, rival: float) -> D
         worst_run=worst_run(log, none),
         residual=float(squared / freedom) if freedom > 0 else 1.0,
         worst_step=worst_step(log, told, found.poses),
+        drift=drift(log, told, found.poses),
         rival=float(rival),
         vague=float(spread / np.median(log.range_sigmas)) if len(log.ranges) else np.inf,
     )
@@ -137,13 +141,32 @@ def worst_step(log: Log, told: np.ndarray, poses: np.ndarray) -> float:
     ----------
     told : (T-1, 3, 3) covariances as measured; where those of the log are others, it slipped
     """
-    trusted = (log.odometry_covariances == told).all(axis=(1, 2))
-    if not trusted.any():
+    missed = _missed(log, told, poses)
+    if not len(missed):
         return 1.0
+    worst = np.max(np.sum(missed**2, axis=1))
+    return float(min(1.0, stats.chi2.sf(worst, 3) * len(missed)))
+
+
+def drift(log: Log, told: np.ndarray, poses: np.ndarray) -> float:
+    """p-value of the mean error of trusted steps, see `Diagnosis`: noise has none.
+
+    Wheels or a range scale that are told wrong, or a gyro with a bias, are missed by a little at
+    every step and by much at none. Too large rather than too small, as `worst_step` is.
+    """
+    missed = _missed(log, told, poses)
+    if not len(missed):
+        return 1.0
+    mean = np.abs(missed.sum(axis=0)).max() / np.sqrt(len(missed))
+    return float(min(1.0, 2 * stats.norm.sf(mean) * missed.shape[1]))
+
+
+def _missed(log: Log, told: np.ndarray, poses: np.ndarray) -> np.ndarray:
+    """(N, 3) errors of the steps that are trusted, in standard deviations, uncorrelated."""
+    trusted = (log.odometry_covariances == told).all(axis=(1, 2))
     missed = (relative_motion(poses) - log.odometry)[trusted]
     missed[:, 2] = wrap_angle(missed[:, 2])
-    squared = np.einsum("ti,tij,tj->t", missed, np.linalg.inv(told[trusted]), missed)
-    return float(min(1.0, stats.chi2.sf(squared.max(), 3) * len(squared)))
+    return np.linalg.solve(np.linalg.cholesky(told[trusted]), missed[..., None])[..., 0]
 
 
 def may_have_slipped(log: Log, told: np.ndarray, found: SoftEstimate) -> bool:
