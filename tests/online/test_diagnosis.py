@@ -91,7 +91,8 @@ def test_steps_that_all_err_to_one_side_are_a_drift(drawn):
 
 @pytest.mark.parametrize(("changed", "word"), [
     ({"unexplained": 0.51}, "fit nothing"), ({"worst_run": 0.001}, "some poses"),
-    ({"residual": 1.7}, "times the noise"), ({"worst_step": 0.001}, "a step"), ({"drift": 0.001}, "a drift"),
+    ({"residual": 1.7}, "times the noise"), ({"worst_step": 0.001}, "a step"),
+    ({"drift": 0.001}, "a drift"),
     ({"rival": 2.0}, "less likely by 2.0 nats"), ({"vague": 6.0}, "range sigmas"),
 ])  # fmt: skip
 def test_each_doubt_is_told_and_even_clutter_is_none(changed, word):
