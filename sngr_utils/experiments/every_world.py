@@ -32,6 +32,7 @@ FAR = 100.0  # m, and gross outliers
 STREAM = 90  # of random numbers, beside the seed of the world
 ASTRAY = 1.0  # m, from its place: a landmark on the wrong side
 NO_RIVAL = 1e6  # nats
+GYRO_BIAS = np.array([0.0, 0.0, 0.01])  # m, m, rad at every step
 KNOWN_SLIP = 100.0  # m and rad, sigma that the oracle gives to a step that slipped
 LOST = 1.35  # times the oracle's error, above which a final estimate counts as lost
 PEERS = ("cauchy", "gnc_tls", "em_exclusive")
@@ -85,8 +86,8 @@ CHANGES: dict[str, Change] = {
     "range sigma 1.25": _told(1.25, 1.0),
     "range sigma 0.8": _told(0.8, 1.0),
     "odometry 2": _told(1.0, 2.0),
-    "ranges 10 % long": lambda world, rng: variations.stretched(world, 1.1),
-    "gyro bias": lambda world, rng: variations.gyro_biased(world, 0.01),
+    "ranges 10 % long": lambda world, rng: replace(world, ranges=1.1 * world.ranges),
+    "gyro bias": lambda world, rng: replace(world, odometry=world.odometry + GYRO_BIAS),
 }
 MISLED = ("ranges 10 % long", "gyro bias")  # by what the oracle knows, and is freed of
 BENDS = {"straight": 0.0, "L": np.pi / 2}  # of roads, [rad]; the others are circles

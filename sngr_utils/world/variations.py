@@ -99,16 +99,6 @@ def misstated(world: World, range_factor: float, odometry_factor: float) -> Worl
     return replace(world, scenario=s.model_copy(update=told))
 
 
-def stretched(world: World, factor: float) -> World:
-    """Ranges that are so many times too long, which nobody is told."""
-    return replace(world, ranges=factor * world.ranges)
-
-
-def gyro_biased(world: World, bias: float) -> World:
-    """Odometry that turns by `bias` too much at every step, [rad]."""
-    return replace(world, odometry=world.odometry + np.array([0.0, 0.0, bias]))
-
-
 def within_reach(world: World, reach: float) -> World:
     """Only ranges from landmarks nearer than `reach` to the pose, [m]."""
     offsets = world.poses[world.pose_of, :2] - world.landmarks[world.source_of]
