@@ -83,8 +83,7 @@ def run_presets(
 ) -> dict[str, dict[float, RefinedWorld]]:
     """SNGR at every p under each preset of the open conventions, on the same data.
 
-    What is not in `levels`, which `run` gave, is sampled by the compiled nested sampler, which
-    takes a hundredth of the time.
+    What is not in `levels`, which `run` gave, is sampled by the compiled nested sampler.
     """
     runs = {}
     for preset in PRESETS:
