@@ -5,7 +5,8 @@ unset CDPATH
 cd "$(dirname "$0")/../paper"
 
 build=../build/paper
-documents=$(grep -l '^\\documentclass' -- *.tex | sed 's/\.tex$//')
+documents=
+for file in $(grep -l '^\\documentclass' -- *.tex); do documents="$documents ${file%.tex}"; done
 document=sngr
 export max_print_line=1000
 fail() {

@@ -332,6 +332,7 @@ def test_a_paper_with_an_error_never_replaces_the_last_good_one(tex, latexmk, re
     pdfs = [tex.folder / "paper" / f"{name}.pdf" for name in ("sngr", "supplement")]
     for pdf in pdfs:
         pdf.write_text("good\n")
+        pdf.with_suffix(".tex").write_text("\\documentclass{article}\n")
     status, log = tex.run("bash", "scripts/typeset.sh")
     assert "-halt-on-error" in log[0]
     assert "-norc" in log[0]
