@@ -87,6 +87,14 @@ def at_home_in(folder):
         read.cache_clear()
 
 
+@contextmanager
+def a_copy_to_spoil(project, folder):
+    """All of a project in another folder, which is home: what is done there leaves it alone."""
+    shutil.copytree(project, folder, dirs_exist_ok=True)
+    with at_home_in(folder):
+        yield folder
+
+
 def write_notebook(project, declared, body, extra=""):
     cells = [new_markdown_cell("# hello"), declared, new_code_cell(body + extra)]
     nbformat.write(new_notebook(cells=cells), project / f"notebooks/{NAME}.ipynb")

@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 from small_project import (
     NAME,
+    a_copy_to_spoil,
     at_home_in,
     declared_cell,
     light_body,
@@ -51,9 +52,7 @@ def executed(tmp_path_factory):
 
 @pytest.fixture
 def folder(executed, tmp_path):
-    """A copy of it to spoil."""
-    shutil.copytree(executed, tmp_path, dirs_exist_ok=True)
-    with at_home_in(tmp_path):
+    with a_copy_to_spoil(executed, tmp_path):
         yield tmp_path
 
 

@@ -2,7 +2,6 @@
 
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -14,6 +13,7 @@ from small_project import (
     BODY,
     CLAIMS,
     NAME,
+    a_copy_to_spoil,
     at_home_in,
     declared_cell,
     light_body,
@@ -53,9 +53,8 @@ def finished(tmp_path_factory):
 
 @pytest.fixture
 def published(finished, tmp_path):
-    """A copy of it to spoil: results do not depend on where the project lies."""
-    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
-    with at_home_in(tmp_path):
+    """A copy of it: results do not depend on where the project lies."""
+    with a_copy_to_spoil(finished, tmp_path):
         yield tmp_path
 
 
