@@ -13,9 +13,8 @@ JOBS ?= 2
 # Of `make mutants`: how many, and the seed of their choice.
 MUTANTS ?= 300
 SEED ?= 1
-# The longest and the last ones first: the short ones fill what is left of two cores.
-ALL := $(notdir $(basename $(shell ls -r notebooks/*.ipynb)))
-NOTEBOOKS := $(filter 08_%,$(ALL)) $(filter-out 08_%,$(ALL))
+# The last ones first, which are long: the short ones fill what is left of two cores.
+NOTEBOOKS := $(notdir $(basename $(shell ls -r notebooks/*.ipynb)))
 PY := .venv/bin/python
 RUN := $(PY) -m sngr_utils
 # Once for all notebooks and tests that follow; seconds if it has been done.
