@@ -2,7 +2,6 @@
 
 What happened in truth (`simulation.World`) is another object: who estimates takes a log, who
 judges takes both.
-Over 300 lines: a log, and the checks of each of its fields.
 """
 
 import warnings
@@ -10,6 +9,8 @@ from dataclasses import dataclass, fields
 from typing import Self
 
 import numpy as np
+
+from sngr_utils.world import checks
 
 NO_LABEL = -1
 BY_NOISE = 5.0  # sigmas, below zero, that a short range may be measured
@@ -142,7 +143,7 @@ class Log:
         ------
         ValueError : as for a log
         """
-        n = _count("ranges", new.ranges)
+        n = checks.count("ranges", new.ranges)
         now = self.times[-1]
         pair = self._with(
             odometry=[new.motion],
@@ -198,27 +199,31 @@ class Measurements:
 
 def _poses(log: Log) -> dict:
     """The fields of poses and odometry."""
-    steps = _count("odometry", log.odometry)
-    odometry = _array("odometry", log.odometry, (steps, 3))
-    covariances = _array("odometry_covariances", log.odometry_covariances, (steps, 3, 3), True)
+    steps = checks.count("odometry", log.odometry)
+    odometry = checks.finite("odometry", log.odometry, (steps, 3))
+    covariances = checks.finite(
+        "odometry_covariances", log.odometry_covariances, (steps, 3, 3), True
+    )
     skew = np.abs(covariances - covariances.swapaxes(1, 2)).max(axis=(1, 2), initial=0.0)
     largest = np.abs(covariances).max(axis=(1, 2), initial=0.0)
     least = np.linalg.eigvalsh(covariances)[:, 0] if steps else np.empty(0)
-    _refuse(
+    checks.refuse(
         "odometry_covariances", covariances, (skew > SYMMETRIC * largest) | ~(least > 0),
         "it must be symmetric and positive definite",
     )  # fmt: skip
     times = (
-        np.arange(steps + 1.0) if log.times is None else _array("times", log.times, (steps + 1,))
+        np.arange(steps + 1.0)
+        if log.times is None
+        else checks.finite("times", log.times, (steps + 1,))
     )
     back = np.append(False, np.diff(times) < 0)
-    _refuse("times", times, back, "time must not go back")
+    checks.refuse("times", times, back, "time must not go back")
     return {
         "odometry": odometry,
         "odometry_covariances": covariances,
         "times": times,
-        "x0_mean": _array("x0_mean", log.x0_mean, (3,)),
-        "x0_sigmas": _positive("x0_sigmas", log.x0_sigmas, (3,)),
+        "x0_mean": checks.finite("x0_mean", log.x0_mean, (3,)),
+        "x0_sigmas": checks.positive("x0_sigmas", log.x0_sigmas, (3,)),
     }
 
 
@@ -237,94 +242,47 @@ def _landmarks(log: Log) -> dict:
             "landmark_means": np.full((k, 2), np.nan),
             "landmark_sigmas": np.full(k, np.nan),
         }
-    means = _floats("landmark_means", log.landmark_means, (k, 2))
-    sigmas = _floats("landmark_sigmas", log.landmark_sigmas, (k,), True)
+    means = checks.floats("landmark_means", log.landmark_means, (k, 2))
+    sigmas = checks.floats("landmark_sigmas", log.landmark_sigmas, (k,), True)
     surveyed = np.isfinite(means).all(axis=1) & np.isfinite(sigmas) & (sigmas > 0)
     unknown = np.isnan(means).all(axis=1) & np.isnan(sigmas)
     bad = ~(surveyed | unknown)
-    _refuse("landmark_means", means, bad, "give a finite mean and a positive sigma, or NaN for all")
+    checks.refuse(
+        "landmark_means", means, bad, "give a finite mean and a positive sigma, or NaN for all"
+    )
     return {"n_landmarks": k, "landmark_means": means, "landmark_sigmas": sigmas}
 
 
 def _ranges(log: Log) -> dict:
     """The fields of ranges, in the order of their poses."""
-    m, steps, k = _count("ranges", log.ranges), len(log.odometry), int(log.n_landmarks)
+    m, steps, k = checks.count("ranges", log.ranges), len(log.odometry), int(log.n_landmarks)
     found = {
-        "pose_of": _index("pose_of", log.pose_of, m, 0, steps),
-        "ranges": _array("ranges", log.ranges, (m,)),
-        "range_sigmas": _positive("range_sigmas", log.range_sigmas, (m,), True),
-        "label_of": _index("label_of", log.label_of, m, NO_LABEL, k - 1),
-        "row_of": np.arange(m) if log.row_of is None else _index("row_of", log.row_of, m, 0, None),
+        "pose_of": checks.indices("pose_of", log.pose_of, m, 0, steps),
+        "ranges": checks.finite("ranges", log.ranges, (m,)),
+        "range_sigmas": checks.positive("range_sigmas", log.range_sigmas, (m,), True),
+        "label_of": checks.indices("label_of", log.label_of, m, NO_LABEL, k - 1),
+        "row_of": np.arange(m)
+        if log.row_of is None
+        else checks.indices("row_of", log.row_of, m, 0, None),
     }
     least = -BY_NOISE * found["range_sigmas"]
     bad = (found["ranges"] == 0) | (found["ranges"] < least)
-    _refuse("ranges", found["ranges"], bad, "it must be positive, or below zero by noise")
+    checks.refuse("ranges", found["ranges"], bad, "it must be positive, or below zero by noise")
     if log.label_probabilities is not None:
-        chances = _array("label_probabilities", log.label_probabilities, (m, k))
+        chances = checks.finite("label_probabilities", log.label_probabilities, (m, k))
         bad = (chances < 0).any(axis=1) | (chances.sum(axis=1) > 1 + 1e-9)
-        _refuse("label_probabilities", chances, bad, "chances from 0 to 1 that sum to at most 1")
+        checks.refuse(
+            "label_probabilities", chances, bad, "chances from 0 to 1 that sum to at most 1"
+        )
         found["label_probabilities"] = chances
     order = np.argsort(found["pose_of"], kind="stable")
     return {name: value[order] for name, value in found.items()}
 
 
-def _count(name: str, value) -> int:
-    if np.ndim(_numbers(name, value)) == 0:
-        raise ValueError(f"{name} is {value!r}: it must have a row each")
-    return len(value)
-
-
-def _numbers(name: str, value) -> np.ndarray:
-    try:
-        return np.asarray(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must hold numbers: {error}") from None
-
-
-def _floats(name: str, value, shape: tuple[int, ...], one_of_all: bool = False) -> np.ndarray:
-    """A copy as floats of this shape; without the first axis, if that may be, repeated along it."""
-    array = _numbers(name, value)
-    if array.size == 0 and 0 in shape:
-        return np.empty(shape)
-    if array.shape != shape and not (one_of_all and array.shape == shape[1:]):
-        either = f", or {shape[1:]} for all" if one_of_all else ""
-        raise ValueError(f"{name} has shape {array.shape}: it must be {shape}{either}")
-    return np.array(np.broadcast_to(array, shape))
-
-
-def _array(name: str, value, shape: tuple[int, ...], one_of_all: bool = False) -> np.ndarray:
-    array = _floats(name, value, shape, one_of_all)
-    bad = ~np.isfinite(array).all(axis=tuple(range(1, array.ndim)))
-    _refuse(name, array, bad, "it must be finite")
-    return array
-
-
-def _positive(name: str, value, shape: tuple[int, ...], one_of_all: bool = False) -> np.ndarray:
-    array = _array(name, value, shape, one_of_all)
-    _refuse(name, array, ~(array > 0), "it must be positive")
-    return array
-
-
-def _index(name: str, value, count: int, least: int, most: int | None) -> np.ndarray:
-    index = _array(name, value, (count,))
-    if np.shape(value) != (count,):
-        raise ValueError(f"{name} has shape {np.shape(value)}: it must be {(count,)}")
-    _refuse(name, index, index % 1 != 0, "it must be an integer")
-    bad = (index < least) | (index > (np.inf if most is None else most))
-    _refuse(name, index, bad, f"it must be from {least} to {most}")
-    return index.astype(np.int64)
-
-
-def _refuse(name: str, array: np.ndarray, bad: np.ndarray, why: str) -> None:
-    if np.any(bad):
-        row = int(np.argmax(bad))
-        raise ValueError(f"{name}[{row}] is {np.array2string(array[row])}: {why}")
-
-
 def _check_calibration(name: str, value: tuple[float, float], least: float) -> None:
     if np.shape(value) != (2,):
         raise ValueError(f"{name} is {value!r}: it must be a mean and a sigma")
-    mean, sigma = _floats(name, value, (2,))
+    mean, sigma = checks.floats(name, value, (2,))
     if not (np.isfinite(mean) and mean >= least and sigma >= 0):
         raise ValueError(f"{name} is {value}: a finite mean and a sigma of zero or more")
 
