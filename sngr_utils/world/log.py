@@ -14,7 +14,10 @@ from sngr_utils.world import checks
 
 NO_LABEL = -1
 BY_NOISE = 5.0  # sigmas, below zero, that a short range may be measured
-SYMMETRIC = 1e-9  # of the largest entry, a difference of mirror images that is rounding
+MEASURABLE = "it must be positive, or below zero by noise"
+ROUNDING = 1e-9  # of chances that sum to one
+MOST_LANDMARKS, MOST_ROWS = 10**6, 2**53
+TOLD = 10  # landmarks that a warning names
 
 
 class LogWarning(UserWarning):
@@ -50,7 +53,8 @@ class Log:
     Raises
     ------
     ValueError : naming field and row: a shape that does not fit, an index out of bounds, what is
-        not finite, a range, sigma or variance that is not positive, a time that goes back
+        no finite real number, a range, sigma or variance that is not positive, a time that goes
+        back, ranges without a landmark to be from
 
     Warns
     -----
@@ -79,10 +83,9 @@ class Log:
         return len(self.odometry) + 1
 
     def __post_init__(self) -> None:
-        for name, value in {**_poses(self), **_landmarks(self), **_ranges(self)}.items():
+        found = {**_poses(self), **_landmarks(self), **_ranges(self), **_calibration(self)}
+        for name, value in found.items():
             object.__setattr__(self, name, value)
-        _check_calibration("scale", self.scale, np.nextafter(0, 1))
-        _check_calibration("offset", self.offset, -np.inf)
         _warn(self)
 
     def keep(self, marked: np.ndarray) -> Self:
@@ -200,27 +203,16 @@ class Measurements:
 def _poses(log: Log) -> dict:
     """The fields of poses and odometry."""
     steps = checks.count("odometry", log.odometry)
-    odometry = checks.finite("odometry", log.odometry, (steps, 3))
-    covariances = checks.finite(
-        "odometry_covariances", log.odometry_covariances, (steps, 3, 3), True
-    )
-    skew = np.abs(covariances - covariances.swapaxes(1, 2)).max(axis=(1, 2), initial=0.0)
-    largest = np.abs(covariances).max(axis=(1, 2), initial=0.0)
-    least = np.linalg.eigvalsh(covariances)[:, 0] if steps else np.empty(0)
-    checks.refuse(
-        "odometry_covariances", covariances, (skew > SYMMETRIC * largest) | ~(least > 0),
-        "it must be symmetric and positive definite",
-    )  # fmt: skip
-    times = (
-        np.arange(steps + 1.0)
-        if log.times is None
-        else checks.finite("times", log.times, (steps + 1,))
-    )
+    name, shape = "odometry_covariances", (steps, 3, 3)
+    covariances = checks.finite(name, log.odometry_covariances, shape, True, checks.LARGEST**2)
+    checks.refuse(name, covariances, ~checks.proper(covariances), checks.PROPER)
+    times = np.arange(steps + 1.0) if log.times is None else log.times
+    times = checks.finite("times", times, (steps + 1,))
     back = np.append(False, np.diff(times) < 0)
     checks.refuse("times", times, back, "time must not go back")
     return {
-        "odometry": odometry,
-        "odometry_covariances": covariances,
+        "odometry": checks.finite("odometry", log.odometry, (steps, 3)),
+        "odometry_covariances": (covariances + covariances.swapaxes(1, 2)) / 2,
         "times": times,
         "x0_mean": checks.finite("x0_mean", log.x0_mean, (3,)),
         "x0_sigmas": checks.positive("x0_sigmas", log.x0_sigmas, (3,)),
@@ -229,62 +221,67 @@ def _poses(log: Log) -> dict:
 
 def _landmarks(log: Log) -> dict:
     """The number of landmarks, and what a survey says of them."""
-    if not isinstance(log.n_landmarks, int | np.integer) or isinstance(log.n_landmarks, bool):
-        raise ValueError(f"n_landmarks is {log.n_landmarks!r}: it must be an integer")
-    k = int(log.n_landmarks)
-    if k < 0:
-        raise ValueError(f"n_landmarks is {k}: it must be zero or more")
+    k = log.n_landmarks
+    whole = isinstance(k, int | np.integer) and not isinstance(k, bool)
+    if not whole or not 0 <= k <= MOST_LANDMARKS:
+        why = f"it must be an integer from 0 to {MOST_LANDMARKS}"
+        raise ValueError(f"n_landmarks is {checks.shown(k)}: {why}")
     if (log.landmark_means is None) != (log.landmark_sigmas is None):
         raise ValueError("landmark_means and landmark_sigmas: give both or none")
-    if log.landmark_means is None:
-        return {
-            "n_landmarks": k,
-            "landmark_means": np.full((k, 2), np.nan),
-            "landmark_sigmas": np.full(k, np.nan),
-        }
-    means = checks.floats("landmark_means", log.landmark_means, (k, 2))
-    sigmas = checks.floats("landmark_sigmas", log.landmark_sigmas, (k,), True)
-    surveyed = np.isfinite(means).all(axis=1) & np.isfinite(sigmas) & (sigmas > 0)
+    means, sigmas = np.full((k, 2), np.nan), np.full(k, np.nan)
+    if log.landmark_means is not None:
+        means = checks.floats("landmark_means", log.landmark_means, (k, 2))
+        sigmas = checks.floats("landmark_sigmas", log.landmark_sigmas, (k,), True)
+    surveyed = (np.abs(means) <= checks.LARGEST).all(axis=1)
+    surveyed &= (sigmas >= checks.SMALLEST) & (sigmas <= checks.LARGEST)
     unknown = np.isnan(means).all(axis=1) & np.isnan(sigmas)
-    bad = ~(surveyed | unknown)
-    checks.refuse(
-        "landmark_means", means, bad, "give a finite mean and a positive sigma, or NaN for all"
-    )
-    return {"n_landmarks": k, "landmark_means": means, "landmark_sigmas": sigmas}
+    why = "give a finite mean and a positive sigma, or NaN for all"
+    checks.refuse("landmark_means", means, ~(surveyed | unknown), why)
+    return {"n_landmarks": int(k), "landmark_means": means, "landmark_sigmas": sigmas}
 
 
 def _ranges(log: Log) -> dict:
     """The fields of ranges, in the order of their poses."""
     m, steps, k = checks.count("ranges", log.ranges), len(log.odometry), int(log.n_landmarks)
+    if m and not k:
+        raise ValueError(f"n_landmarks is 0, and ranges has {m} rows: to what are they measured?")
+    rows = np.arange(m) if log.row_of is None else log.row_of
     found = {
         "pose_of": checks.indices("pose_of", log.pose_of, m, 0, steps),
         "ranges": checks.finite("ranges", log.ranges, (m,)),
         "range_sigmas": checks.positive("range_sigmas", log.range_sigmas, (m,), True),
         "label_of": checks.indices("label_of", log.label_of, m, NO_LABEL, k - 1),
-        "row_of": np.arange(m)
-        if log.row_of is None
-        else checks.indices("row_of", log.row_of, m, 0, None),
+        "row_of": checks.indices("row_of", rows, m, 0, MOST_ROWS),
     }
-    least = -BY_NOISE * found["range_sigmas"]
-    bad = (found["ranges"] == 0) | (found["ranges"] < least)
-    checks.refuse("ranges", found["ranges"], bad, "it must be positive, or below zero by noise")
+    bad = ~measurable(found["ranges"], found["range_sigmas"])
+    checks.refuse("ranges", found["ranges"], bad, MEASURABLE)
     if log.label_probabilities is not None:
         chances = checks.finite("label_probabilities", log.label_probabilities, (m, k))
-        bad = (chances < 0).any(axis=1) | (chances.sum(axis=1) > 1 + 1e-9)
-        checks.refuse(
-            "label_probabilities", chances, bad, "chances from 0 to 1 that sum to at most 1"
-        )
+        bad = (chances < 0).any(axis=1) | (chances.sum(axis=1) > 1 + ROUNDING)
+        why = "chances from 0 to 1 that sum to at most 1"
+        checks.refuse("label_probabilities", chances, bad, why)
         found["label_probabilities"] = chances
     order = np.argsort(found["pose_of"], kind="stable")
     return {name: value[order] for name, value in found.items()}
 
 
-def _check_calibration(name: str, value: tuple[float, float], least: float) -> None:
-    if np.shape(value) != (2,):
-        raise ValueError(f"{name} is {value!r}: it must be a mean and a sigma")
-    mean, sigma = checks.floats(name, value, (2,))
-    if not (np.isfinite(mean) and mean >= least and sigma >= 0):
-        raise ValueError(f"{name} is {value}: a finite mean and a sigma of zero or more")
+def measurable(ranges: np.ndarray, sigmas: np.ndarray) -> np.ndarray:
+    """(M,) bool, whether ranges are positive, or below zero by noise alone."""
+    return (ranges != 0) & (ranges >= -BY_NOISE * sigmas)
+
+
+def _calibration(log: Log) -> dict:
+    """What is known of a scale and an offset of all ranges."""
+    found = {}
+    for name, least in (("scale", checks.SMALLEST), ("offset", -checks.LARGEST)):
+        value = getattr(log, name)
+        mean, sigma = map(float, checks.floats(name, value, (2,)))
+        known = sigma in (0, np.inf) or checks.SMALLEST <= sigma <= checks.LARGEST
+        if not (known and least <= mean <= checks.LARGEST):
+            why = "a finite mean and a sigma of zero or more"
+            raise ValueError(f"{name} is {checks.shown(value)}: {why}")
+        found[name] = mean, sigma
+    return found
 
 
 def _warn(log: Log) -> None:
@@ -292,4 +289,6 @@ def _warn(log: Log) -> None:
     labelled = (log.label_of != NO_LABEL).any() and log.label_probabilities is None
     unseen = np.flatnonzero(named == 0)
     if labelled and len(unseen):
-        warnings.warn(f"landmarks {list(map(int, unseen))} have no range", LogWarning, stacklevel=4)
+        more = f" and {len(unseen) - TOLD} others" * (len(unseen) > TOLD)
+        text = f"landmarks {list(map(int, unseen[:TOLD]))}{more} have no range"
+        warnings.warn(text, LogWarning, stacklevel=4)
