@@ -9,6 +9,7 @@ import numpy as np
 
 from sngr_utils.files.recording import Recording, frame_sigmas, named
 from sngr_utils.files.text import Line
+from sngr_utils.world.checks import PROPER, proper
 from sngr_utils.world.dead_reckoning import dead_reckoning
 from sngr_utils.world.log import NO_LABEL, Log
 from sngr_utils.world.truth import Truth
@@ -107,7 +108,7 @@ class Graph:
     def _ranges(self, pose_of: dict[str, int], names: list[str]) -> dict:
         """Fields of the log for the ranges, in the file's order."""
         number_of = {name: k for k, name in enumerate(names)}
-        weights = np.zeros((len(self.ranges), len(names)))
+        labels = np.full(len(self.ranges), NO_LABEL)
         for m, found in enumerate(self.ranges):
             if found.pose not in pose_of:
                 raise found.line.refuse(f"{found.pose} is no pose of this file")
@@ -116,16 +117,23 @@ class Graph:
                     raise found.line.refuse("a range between poses: a log has none")
                 if name not in number_of:
                     raise found.line.refuse(f"{name} is no landmark of this file")
-                weights[m, number_of[name]] += weight
-        sure = weights.max(axis=1, initial=0.0) == 1
-        labels = np.where(sure, weights.argmax(axis=1), NO_LABEL) if len(names) else []
+                if weight == 1:
+                    labels[m] = number_of[name]
         return {
             "pose_of": [pose_of[found.pose] for found in self.ranges],
             "ranges": [found.value for found in self.ranges],
             "range_sigmas": [found.sigma for found in self.ranges],
             "label_of": labels,
-            "label_probabilities": None if np.all(sure) else weights,
+            "label_probabilities": self._chances(number_of) if NO_LABEL in labels else None,
         }
+
+    def _chances(self, number_of: dict[str, int]) -> np.ndarray:
+        """(M, K) weights of the ranges over the landmarks."""
+        chances = np.zeros((len(self.ranges), len(number_of)))
+        for row, found in zip(chances, self.ranges, strict=True):
+            for name, weight in zip(found.landmarks, found.weights, strict=True):
+                row[number_of[name]] += weight
+        return chances
 
     def _first(self, first: str, range_sigmas: list[float]) -> dict:
         """The prior on the first pose."""
@@ -179,8 +187,8 @@ def covariance_of(line: Line, matrix: np.ndarray) -> np.ndarray:
     ------
     ValueError : not symmetric and positive definite
     """
-    if not np.array_equal(matrix, matrix.T) or not np.linalg.eigvalsh(matrix)[0] > 0:
-        raise line.refuse("the covariance must be symmetric and positive definite")
+    if not proper(matrix[None])[0]:
+        raise line.refuse(f"the covariance: {PROPER}")
     return matrix
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from sngr_utils.files import graph
 from sngr_utils.files.recording import Recording
 from sngr_utils.files.text import Line, lines
+from sngr_utils.world.checks import LARGEST
 
 POSE, LANDMARK = ["Pose", "SE2"], ["Landmark", "R2"]
 RANGE = "SE2R2RangeGaussianLikelihoodFactor"
@@ -64,7 +65,7 @@ def _gaussian(line: Line, fields: list[str], n: int) -> tuple[list[str], np.ndar
     if len(fields) != n + 13 or fields[n + 3] != "covariance":
         raise line.refuse("after the names, it must be: x y theta covariance, and nine numbers")
     names = [graph.name_of(line, name) for name in fields[:n]]
-    covariance = line.numbers(fields[n + 4 :]).reshape(3, 3)
+    covariance = line.numbers(fields[n + 4 :], LARGEST**2).reshape(3, 3)
     return names, line.numbers(fields[n : n + 3]), graph.covariance_of(line, covariance)
 
 
@@ -72,7 +73,8 @@ def _range(found: graph.Graph, line: Line, fields: list[str]) -> None:
     if len(fields) != 4:
         raise line.refuse("a range must be: pose landmark range sigma")
     pose, landmark = (graph.name_of(line, name) for name in fields[:2])
-    value, sigma = line.positive(fields[2], "a range"), line.positive(fields[3], "a sigma")
+    sigma = line.sigma(fields[3], "a sigma")
+    value = line.range(fields[2], "a range", sigma)
     found.ranges.append(graph.Range(line, pose, [landmark], [1.0], value, sigma))
 
 
@@ -95,16 +97,11 @@ def _ambiguous(found: graph.Graph, line: Line, fields: list[str]) -> None:
     weights = line.numbers(parts["Weights"])
     if weights.min() < 0 or not weights.sum() > 0:
         raise line.refuse("weights must not be negative, nor all zero")
-    found.ranges.append(
-        graph.Range(
-            line,
-            graph.name_of(line, parts["Observer"][0]),
-            [graph.name_of(line, name) for name in names],
-            list(weights / weights.sum()),
-            line.positive(parts["Observation"][0], "a range"),
-            line.positive(parts["Sigma"][0], "a sigma"),
-        )
-    )
+    pose, *landmarks = (graph.name_of(line, name) for name in [*parts["Observer"], *names])
+    sigma = line.sigma(parts["Sigma"][0], "a sigma")
+    value = line.range(parts["Observation"][0], "a range", sigma)
+    shares = list(weights / weights.sum())
+    found.ranges.append(graph.Range(line, pose, landmarks, shares, value, sigma))
 
 
 FACTORS = {

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import io
 
 from sngr_utils.files.recording import Recording, frame_sigmas, named
-from sngr_utils.files.text import LARGEST
+from sngr_utils.world.checks import LARGEST
 from sngr_utils.world.dead_reckoning import relative_motion
 from sngr_utils.world.log import Log
 from sngr_utils.world.truth import Truth

@@ -6,14 +6,15 @@ range is its variance [m^2]. Vertices hold the truth, or dead reckoning where no
 Source: MarineRoboticsGroup/PyFactorGraph, io/pyfg_text.py, for the fields of each line.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 from sngr_utils.files import graph
-from sngr_utils.files.recording import Recording
+from sngr_utils.files.recording import Recording, named
 from sngr_utils.files.text import Line, lines
+from sngr_utils.world import checks
 from sngr_utils.world.log import NO_LABEL, Log
 
 REFUSED = {
@@ -52,9 +53,9 @@ def _pose(found: graph.Graph, line: Line, fields: list[str]) -> None:
 
 
 def _pose_prior(found: graph.Graph, line: Line, fields: list[str]) -> None:
-    values = line.numbers([fields[0], *fields[2:]])[1:]
+    mean = line.numbers([fields[0], *fields[2:5]])[1:]
     name = graph.name_of(line, fields[1])
-    found.add("pose_priors", name, line, values[:3], _covariance(line, values[3:], 3))
+    found.add("pose_priors", name, line, mean, _covariance(line, fields[5:], 3))
 
 
 def _landmark(found: graph.Graph, line: Line, fields: list[str]) -> None:
@@ -62,21 +63,22 @@ def _landmark(found: graph.Graph, line: Line, fields: list[str]) -> None:
 
 
 def _landmark_prior(found: graph.Graph, line: Line, fields: list[str]) -> None:
-    values = line.numbers([fields[0], *fields[2:]])[1:]
+    mean = line.numbers([fields[0], *fields[2:4]])[1:]
     name = graph.name_of(line, fields[1])
-    found.add("landmark_priors", name, line, values[:2], _covariance(line, values[2:], 2))
+    found.add("landmark_priors", name, line, mean, _covariance(line, fields[4:], 2))
 
 
 def _step(found: graph.Graph, line: Line, fields: list[str]) -> None:
-    values = line.numbers([fields[0], *fields[3:]])[1:]
+    motion = line.numbers([fields[0], *fields[3:6]])[1:]
     pair = graph.name_of(line, fields[1]), graph.name_of(line, fields[2])
-    found.add("steps", pair, line, values[:3], _covariance(line, values[3:], 3))
+    found.add("steps", pair, line, motion, _covariance(line, fields[6:], 3))
 
 
 def _range(found: graph.Graph, line: Line, fields: list[str]) -> None:
     line.numbers(fields[:1])
     pose, landmark = graph.name_of(line, fields[1]), graph.name_of(line, fields[2])
-    value, sigma = line.positive(fields[3], "a range"), line.variance(fields[4], "a variance")
+    sigma = line.sigma(fields[4], "a variance", power=2)
+    value = line.range(fields[3], "a range", sigma)
     found.ranges.append(graph.Range(line, pose, [landmark], [1.0], value, sigma))
 
 
@@ -90,9 +92,9 @@ KINDS: dict[str, tuple[int, Callable]] = {
 }
 
 
-def _covariance(line: Line, upper: np.ndarray, n: int) -> np.ndarray:
+def _covariance(line: Line, upper: list[str], n: int) -> np.ndarray:
     matrix = np.zeros((n, n))
-    matrix[np.triu_indices(n)] = upper
+    matrix[np.triu_indices(n)] = line.numbers(upper, checks.LARGEST**2)
     return graph.covariance_of(line, matrix + np.triu(matrix, 1).T)
 
 
@@ -105,41 +107,46 @@ def write(path: Path, log: Log, poses: np.ndarray, landmarks: np.ndarray) -> Non
 
     Raises
     ------
-    ValueError : what the format cannot express: a range without a label or with chances, a range
-        scale or offset, a landmark whose place is not known
+    ValueError : naming the field, before anything is written, what the format cannot express: a
+        range without a label or with chances, a range scale or offset, times that are all alike,
+        a place that is not known
     """
-    if np.any(log.label_of == NO_LABEL) or log.label_probabilities is not None:
-        raise ValueError(f"{path}: .pyfg has no range without a label, or with chances")
-    if (log.scale, log.offset) != ((1.0, 0.0), (0.0, 0.0)):
-        raise ValueError(f"{path}: .pyfg has no range scale and no offset")
-    if not np.isfinite(landmarks).all():
-        raise ValueError(f"{path}: .pyfg has no landmark whose place is not known")
-    pairs = zip(log.times, poses, strict=True)
-    rows = [("VERTEX_SE2", time, f"A{t}", *at) for t, (time, at) in enumerate(pairs)]
-    rows += [("VERTEX_XY", f"L{k}", *at) for k, at in enumerate(landmarks)]
+    beyond = {
+        "label_of": (NO_LABEL in log.label_of, "a range without a label"),
+        "label_probabilities": (log.label_probabilities is not None, "chances of a label"),
+        "scale": (log.scale != (1.0, 0.0), "a range scale"),
+        "offset": (log.offset != (0.0, 0.0), "a range offset"),
+        # equal times say that there are none
+        "times": (log.n_poses > 1 and np.ptp(log.times) == 0, "times that are all alike"),
+    }
+    for name, (true, what) in beyond.items():
+        if true:
+            raise ValueError(f"{path}: {name}: .pyfg has not {what}")
+    with named(path):
+        poses = checks.finite("poses", poses, (log.n_poses, 3))
+        landmarks = checks.finite("landmarks", landmarks, (log.n_landmarks, 2))
+    rows = _rows(log, poses, landmarks)
+    path.write_text("".join(" ".join(map(_shown, row)) + "\n" for row in rows))
+
+
+def _rows(log: Log, poses: np.ndarray, landmarks: np.ndarray) -> Iterator[tuple]:
+    """Fields of each line."""
+    for t, at in enumerate(poses):
+        yield "VERTEX_SE2", log.times[t], f"A{t}", *at
+    for k, at in enumerate(landmarks):
+        yield "VERTEX_XY", f"L{k}", *at
     prior = np.diag(np.square(log.x0_sigmas))[np.triu_indices(3)]
-    rows.append(("VERTEX_SE2:PRIOR", log.times[0], "A0", *log.x0_mean, *prior))
+    yield "VERTEX_SE2:PRIOR", log.times[0], "A0", *log.x0_mean, *prior
     for k in np.flatnonzero(np.isfinite(log.landmark_sigmas)):
         variance = log.landmark_sigmas[k] ** 2
-        rows.append((
-            "VERTEX_XY:PRIOR",
-            0.0,
-            f"L{k}",
-            *log.landmark_means[k],
-            variance,
-            0.0,
-            variance,
-        ))
-    for t, (motion, covariance) in enumerate(
-        zip(log.odometry, log.odometry_covariances, strict=True)
-    ):
-        upper = covariance[np.triu_indices(3)]
-        rows.append(("EDGE_SE2", log.times[t], f"A{t}", f"A{t + 1}", *motion, *upper))
-    for t, k, value, sigma in zip(
-        log.pose_of, log.label_of, log.ranges, log.range_sigmas, strict=True
-    ):
-        rows.append(("EDGE_RANGE", log.times[t], f"A{t}", f"L{k}", value, sigma**2))
-    path.write_text("".join(" ".join(map(_shown, row)) + "\n" for row in rows))
+        yield "VERTEX_XY:PRIOR", 0.0, f"L{k}", *log.landmark_means[k], variance, 0.0, variance
+    for t, motion in enumerate(log.odometry):
+        upper = log.odometry_covariances[t][np.triu_indices(3)]
+        yield "EDGE_SE2", log.times[t], f"A{t}", f"A{t + 1}", *motion, *upper
+    for m, t in enumerate(log.pose_of):
+        variance = log.range_sigmas[m] ** 2
+        landmark = f"L{log.label_of[m]}"
+        yield "EDGE_RANGE", log.times[t], f"A{t}", landmark, log.ranges[m], variance
 
 
 def _shown(value) -> str:

@@ -4,13 +4,19 @@
 is more to tell; `truth.csv` is for judging.
 """
 
+import csv
+import io
+import math
 import os
+import re
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
 
 from sngr_utils.files.recording import Recording, named
-from sngr_utils.files.text import Line, lines
+from sngr_utils.files.text import LONGEST_LINE, Line, lines
+from sngr_utils.world.checks import proper
 from sngr_utils.world.log import NO_LABEL, Log
 from sngr_utils.world.truth import Truth
 
@@ -86,10 +92,10 @@ class Table:
         """The cell of a row; empty if there is no such column."""
         return row.fields[self.header.index(column)] if column in self.header else ""
 
-    def positive(self, column: str) -> np.ndarray:
+    def sigmas(self, column: str) -> np.ndarray:
         """(N,) positive numbers of a column."""
-        at = self.header.index(column)
-        return np.array([row.positive(row.fields[at], column) for row in self.rows])
+        cells = zip(self.rows, self.cells(column), strict=True)
+        return np.array([row.sigma(cell, column) for row, cell in cells])
 
 
 def _table(folder: Path, name: str, required: bool = True) -> Table | None:
@@ -101,7 +107,7 @@ def _table(folder: Path, name: str, required: bool = True) -> Table | None:
     must, may = COLUMNS[name]
     for column in must:
         if column not in head.fields:
-            raise head.refuse(f"no column {column}: the header must be {','.join(must)}")
+            raise head.refuse(f"no column {column}: the header must be {','.join(must)}, by commas")
     for column in head.fields:
         chance = name == "ranges" and column.startswith(CHANCE)
         if not chance and column not in [*must, *may]:
@@ -129,14 +135,14 @@ def _times(odometry: Table) -> np.ndarray:
 
 def _noise(odometry: Table) -> tuple[np.ndarray, np.ndarray]:
     """(3,) sigmas of the first pose, and (T-1, 3, 3) covariances of the steps."""
-    sigmas = np.column_stack([odometry.positive(name) for name in SIGMAS])
+    sigmas = np.column_stack([odometry.sigmas(name) for name in SIGMAS])
     rho = np.hstack([odometry.numbers([name], empty=True) for name in CORRELATIONS])
     rho = np.nan_to_num(rho)
     correlations = np.tile(np.eye(3), (len(rho), 1, 1))
     for (i, j), column in zip(((0, 1), (0, 2), (1, 2)), rho.T, strict=True):
         correlations[:, i, j] = correlations[:, j, i] = column
-    for row, matrix in zip(odometry.rows, correlations, strict=True):
-        if not np.linalg.eigvalsh(matrix)[0] > 0:
+    for row, fine in zip(odometry.rows, proper(correlations), strict=True):
+        if not fine:
             raise row.refuse("correlations must be those of a covariance")
     if rho[0].any():
         raise odometry.rows[0].refuse("a prior with correlations: a log has none")
@@ -148,10 +154,13 @@ def _names(landmarks: Table | None, ranges: Table) -> list[str]:
     if landmarks is None:
         chances = [name[len(CHANCE) :] for name in ranges.header if name.startswith(CHANCE)]
         found = {*ranges.cells("landmark"), *ranges.cells("source"), *chances} - {""}
+        if ranges.rows and not found:
+            raise ValueError(f"{ranges.path}: it names no landmark, and no landmarks.csv does")
         return sorted(found, key=lambda name: (len(name) if name.isdigit() else 0, name))
     names = landmarks.cells("landmark")
+    count = Counter(names)
     for row, name in zip(landmarks.rows, names, strict=True):
-        if not name or names.count(name) > 1:
+        if not name or count[name] > 1:
             raise row.refuse(f"landmark {name[:40]!r}: a name must stand there once")
     return names
 
@@ -159,10 +168,12 @@ def _names(landmarks: Table | None, ranges: Table) -> list[str]:
 def _ranges(ranges: Table, times: np.ndarray, names: list[str]) -> dict:
     """Fields of the log for the ranges."""
     columns = [name for name in ranges.header if name.startswith(CHANCE)]
+    sigmas = ranges.sigmas("sigma_m")
+    measured = zip(ranges.rows, ranges.cells("range_m"), sigmas, strict=True)
     found = {
         "pose_of": _pose_of(ranges, times),
-        "ranges": ranges.positive("range_m"),
-        "range_sigmas": ranges.positive("sigma_m"),
+        "ranges": [row.range(cell, "range_m", sigma) for row, cell, sigma in measured],
+        "range_sigmas": sigmas,
         "label_of": _numbers_of(ranges, "landmark", names),
     }
     if columns:
@@ -214,7 +225,7 @@ def _survey(landmarks: Table | None) -> dict:
     surveyed = landmarks.numbers(["x_m", "y_m", "sigma_m"], empty=True)
     for row, sigma in zip(landmarks.rows, surveyed[:, 2], strict=True):
         if not np.isnan(sigma):
-            row.positive(landmarks.cells_of(row, "sigma_m"), "sigma_m")
+            row.sigma(landmarks.cells_of(row, "sigma_m"), "sigma_m")
     return {"landmark_means": surveyed[:, :2], "landmark_sigmas": surveyed[:, 2]}
 
 
@@ -227,7 +238,10 @@ def _calibration(table: Table | None) -> dict:
         name, *cells = (table.cells_of(row, column) for column in COLUMNS["calibration"][0])
         if name not in FIXED or names.count(name) > 1:
             raise row.refuse(f"quantity is {name[:40]!r}: {', '.join(FIXED)}, each at most once")
-        mean, sigma = (float("inf") if c == "inf" else float(row.numbers([c])[0]) for c in cells)
+        mean = float(row.numbers(cells[:1])[0])
+        sigma = math.inf if cells[1] == "inf" else float(row.numbers(cells[1:])[0])
+        if sigma < 0 or (name == "scale" and mean <= 0):
+            raise row.refuse(f"{name} has mean {mean:g} and sigma {sigma:g}: too small")
         found[name] = (mean, sigma)
     return {"scale": found["scale"], "offset": found["offset_m"]}
 
@@ -252,10 +266,30 @@ def _truth(
 
 
 def write(folder: Path, recording: Recording) -> None:
-    """Write the tables of a recording into a folder, made if need be; ranges as sorted by pose."""
-    log, truth, names = recording.log, recording.truth, recording.landmark_names
+    """Write the tables of a recording into a folder, made if need be; ranges as sorted by pose.
+
+    Raises
+    ------
+    ValueError : before anything is written, a name that cannot stand in a table, and a table that
+        is there already and would be read with these
+    """
+    texts = {folder / f"{name}.csv": _text(*table) for name, table in _tables(recording).items()}
+    for path in (folder / f"{name}.csv" for name in COLUMNS):
+        if path not in texts and os.path.lexists(path):
+            raise ValueError(f"{path}: it is there already, and this recording has none")
+    for path, text in texts.items():
+        if len(longest := max(text.split("\n"), key=len)) > LONGEST_LINE:
+            raise ValueError(f"{path}: a line of {len(longest)} characters: too many landmarks")
     folder.mkdir(parents=True, exist_ok=True)
-    _write(folder / "odometry.csv", [*COLUMNS["odometry"][0], *CORRELATIONS], _odometry_rows(log))
+    for path, text in texts.items():
+        path.write_text(text, encoding="utf-8")
+
+
+def _tables(recording: Recording) -> dict[str, tuple]:
+    """Header and rows of each table."""
+    log, truth, names = recording.log, recording.truth, recording.landmark_names
+    _check_names(names, log.n_landmarks)
+    found = {"odometry": ([*COLUMNS["odometry"][0], *CORRELATIONS], _odometry_rows(log))}
     columns = ["pose", "time_s", "range_m", "sigma_m", "landmark"]
     label = ["" if k == NO_LABEL else names[k] for k in log.label_of]
     cells = [log.pose_of, log.times[log.pose_of], log.ranges, log.range_sigmas, label]
@@ -265,17 +299,28 @@ def write(folder: Path, recording: Recording) -> None:
     if truth is not None and truth.source_of is not None:
         columns.append("source")
         cells.append(["" if k == NO_LABEL else names[k] for k in truth.source_of])
-    _write(folder / "ranges.csv", columns, zip(*cells, strict=True))
+    found["ranges"] = columns, zip(*cells, strict=True)
     known = np.full((log.n_landmarks, 2), np.nan) if truth is None else truth.landmarks
     cells = names, *log.landmark_means.T, log.landmark_sigmas, *known.T
     header = [*COLUMNS["landmarks"][0], *COLUMNS["landmarks"][1]]
-    _write(folder / "landmarks.csv", header, zip(*cells, strict=True))
+    found["landmarks"] = header, zip(*cells, strict=True)
     if truth is not None and truth.poses is not None:
         rows = np.column_stack([log.times, truth.poses])
-        _write(folder / "truth.csv", ["time_s", *COLUMNS["truth"][0]], rows)
+        found["truth"] = ["time_s", *COLUMNS["truth"][0]], rows
     if (log.scale, log.offset) != tuple(FIXED.values()):
         rows = [("scale", *log.scale), ("offset_m", *log.offset)]
-        _write(folder / "calibration.csv", COLUMNS["calibration"][0], rows)
+        found["calibration"] = COLUMNS["calibration"][0], rows
+    return found
+
+
+def _check_names(names: list[str], n_landmarks: int) -> None:
+    """Refuse names that would not come back."""
+    if len(names) != n_landmarks or len(set(names)) < len(names):
+        raise ValueError(f"landmark_names: {n_landmarks} landmarks need as many different names")
+    for k, name in enumerate(names):
+        odd = name != name.strip() or re.search("[\r\n\0\ud800-\udfff]", name)
+        if not name or odd:
+            raise ValueError(f"landmark_names[{k}] is {name[:40]!r}: it cannot stand in a table")
 
 
 def _odometry_rows(log: Log) -> np.ndarray:
@@ -287,14 +332,13 @@ def _odometry_rows(log: Log) -> np.ndarray:
     return np.column_stack([log.times, np.vstack([first, steps])])
 
 
-def _write(path: Path, header: list[str], rows) -> None:
-    text = [",".join(header)] + [",".join(map(_shown, row)) for row in rows]
-    path.write_text("\n".join(text) + "\n")
+def _text(header: list[str], rows) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([header, *(map(_shown, row) for row in rows)])
+    return text.getvalue()
 
 
-def _shown(cell) -> str:
-    if isinstance(cell, str):
+def _shown(cell) -> str | int:
+    if isinstance(cell, str | np.integer):
         return cell
-    if isinstance(cell, np.integer):
-        return str(int(cell))
     return "" if np.isnan(cell) else repr(float(cell))

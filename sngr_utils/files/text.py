@@ -1,5 +1,6 @@
 """Text files that may hold anything: lines of fields, and numbers that are numbers."""
 
+import csv
 import math
 import re
 from collections.abc import Iterator
@@ -7,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-LONGEST_LINE = 10_000  # characters
+from sngr_utils.world.checks import LARGEST, SMALLEST
+from sngr_utils.world.log import MEASURABLE, measurable
+
+LONGEST_LINE = 1_000_000  # characters
 LARGEST_FILE = 2**29  # bytes
-LARGEST, SMALLEST = 1e20, 1e-20  # a number, and a sigma: their squares are numbers too
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 class Line:
@@ -18,14 +21,20 @@ class Line:
 
     def __init__(self, path: Path, number: int, text: str, separator: str | None):
         self.path, self.number = path, number
-        self.fields = [field.strip() for field in text.split(separator)]
+        fields = text.split(separator)
+        if separator and '"' in text:
+            try:
+                (fields,) = csv.reader([text], strict=True, skipinitialspace=True)
+            except csv.Error as error:
+                raise self.refuse(str(error)) from None
+        self.fields = [field.strip() for field in fields]
 
     def refuse(self, why: str) -> ValueError:
         """The error to raise for this line."""
         return ValueError(f"{self.path}:{self.number}: {why}")
 
-    def numbers(self, fields: list[str]) -> np.ndarray:
-        """Finite numbers.
+    def numbers(self, fields: list[str], most: float = LARGEST) -> np.ndarray:
+        """Finite numbers within bounds.
 
         Raises
         ------
@@ -36,25 +45,33 @@ class Line:
             if not NUMBER.fullmatch(field):
                 raise self.refuse(f"{_shown(field)} is not a finite number")
             found[i] = float(field)
-            if abs(found[i]) > LARGEST:
-                raise self.refuse(f"{_shown(field)} is beyond {LARGEST:g}")
+            if abs(found[i]) > most:
+                raise self.refuse(f"{_shown(field)} is beyond {most:g}")
         return found
 
-    def positive(self, field: str, what: str, least: float = SMALLEST) -> float:
-        """A number that is not below `least`.
+    def sigma(self, field: str, what: str, power: int = 1) -> float:
+        """A sigma, from what is its first or second power.
 
         Raises
         ------
-        ValueError : it is
+        ValueError : it is not positive
+        """
+        value = float(self.numbers([field], LARGEST**power)[0])
+        if value < SMALLEST**power:
+            raise self.refuse(f"{what} is {_shown(field)}: it must be positive")
+        return value if power == 1 else math.sqrt(value)
+
+    def range(self, field: str, what: str, sigma: float) -> float:
+        """A range that a log can have.
+
+        Raises
+        ------
+        ValueError : it is not positive, and not below zero by noise
         """
         value = float(self.numbers([field])[0])
-        if not value >= least:
-            raise self.refuse(f"{what} is {_shown(field)}: it must be positive")
+        if not measurable(value, sigma):
+            raise self.refuse(f"{what} is {_shown(field)}: {MEASURABLE}")
         return value
-
-    def variance(self, field: str, what: str) -> float:
-        """The sigma of a variance."""
-        return math.sqrt(self.positive(field, what, SMALLEST**2))
 
 
 def lines(path: Path, separator: str | None = None) -> Iterator[Line]:

@@ -112,11 +112,14 @@ def test_what_pyfg_cannot_express_is_not_written(tmp_path):
     given = {field.name: getattr(log, field.name) for field in fields(Log)}
     for changed, why in (
         ({"label_of": np.full(18, -1)}, "without a label"),
-        ({"scale": (1.0, np.inf)}, "range scale"),
+        ({"scale": (1.0, np.inf)}, "scale: .pyfg has not a range scale"),
+        ({"offset": (0.1, 0.0)}, "offset: .pyfg has not"),
+        ({"label_probabilities": np.full((18, 6), 0.1)}, "chances of a label"),
+        ({"times": [7.0] * 3}, "times: .pyfg has not"),
     ):
         with pytest.raises(ValueError, match=why):
             pyfg.write(tmp_path / "c.pyfg", Log(**{**given, **changed}), *args)
-    with pytest.raises(ValueError, match="whose place"):
+    with pytest.raises(ValueError, match=r"c.pyfg: landmarks\[0\]"):
         pyfg.write(tmp_path / "c.pyfg", log, args[0], np.full((6, 2), np.nan))
     assert not (tmp_path / "c.pyfg").exists()
 
@@ -148,7 +151,7 @@ PYFG_BAD = [
     ("EDGE_SE2 1.0 A2 A10", "EDGE_SE2 1.0 A1 A10", ":7: from A1 to A10"),
     ("EDGE_SE2 1.0 A2 A10 1.0 0.1 0.2 0.04 0.001 0.002 0.05 0.003 0.06\n", "", "from A2 to A10"),
     ("EDGE_SE2 1.0 A2 A10 1", "EDGE_SE2 1.0 A1 A2 1", ":8: ('A1', 'A2') again: first in line 7"),
-    ("0.04 0.001 0.002 0.05", "0.04 1.0 0.002 0.05", ":7: the covariance must be symmetric"),
+    ("0.04 0.001 0.002 0.05", "0.04 1.0 0.002 0.05", ":7: the covariance: it must be symm"),
     ("PRIOR 0.0 A1", "PRIOR 0.0 A2", ":11: a prior on A2"),
     ("0.09 0.0 0.09", "0.09 0.0 0.08", ":12: a prior on a landmark must be alike"),
     ("0.09 0.0 0.09", "0.09 0.01 0.09", ":12: a prior with correlations"),
@@ -179,7 +182,7 @@ FG_BAD = [
     ("Variable Landmark R2 L1", "Variable Landmark R3 L1", ":3: a variable must be"),
     ("Factor SE2R2Range", "Factor SE3R3Range", ":7: a factor 'SE3R3RangeGaussian"),
     ("Factor SE2R2Range", "Fact SE2R2Range", ":7: 'Fact' is no kind of line"),
-    (".0001 .0004", ".0002 .0004", ":6: the covariance must be symmetric"),
+    (".0001 .0004", ".0002 .0004", ":6: the covariance: it must be symm"),
     ("covariance .04", "variance .04", ":6: after the names"),
 ]
 

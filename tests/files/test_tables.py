@@ -105,6 +105,19 @@ BAD = [
     ("odometry", "0.2,0.3,0.01", "0.2,0,0.01", "odometry.csv:3: sigma_y_m is '0'"),
     ("odometry", "\n12.0", "\n9.0", "odometry.csv:4: time must not go back"),
     ("ranges", "3.0, 0.5", "-3.0, 0.5", "ranges.csv:2: range_m is '-3.0'"),
+    ("ranges", "3.0, 0.5", "0, 0.5", "ranges.csv:2: range_m is '0'"),
+    ("ranges", "landmark", "landmark, landmark", "ranges.csv:1: column landmark stands there twi"),
+    ("ranges", ", b", ', "b', "ranges.csv:2: unexpected end of data"),
+    ("ranges", ", b", ', "b"c', "ranges.csv:2: ',' expected after '\"'"),
+    ("ranges", "time_s, range_m, ", "time_s; range_m; ", "ranges.csv:1: no column range_m"),
+    ("ranges", "time_s", "# radios\ntime_s", "ranges.csv:1: no column range_m"),
+    ("ranges", "11.6, 3.0", "# 11.6, 3.0", "ranges.csv:2: '# 11.6' is not a finite number"),
+    ("ranges", "11.6, 3.0", "11,6, 3,0", "ranges.csv:2: 6 cells: the header has 4"),
+    ("odometry", "11.0,1.0,0.0", "1_1.0,1.0,0.0", "odometry.csv:3: '1_1.0' is not a finite"),
+    ("odometry", "11.0,1.0,0.0", "11.0,1e21,0.0", "odometry.csv:3: '1e21' is beyond 1e+20"),
+    ("odometry", "11.0,1.0,0.0", "11.0,0x1,0.0", "odometry.csv:3: '0x1' is not a finite"),
+    ("odometry", "0.2,0.3,0.01", "0.2,1e-21,0.01", "odometry.csv:3: sigma_y_m is '1e-21'"),
+    ("odometry", "11.0", '"11.0', "odometry.csv:3: unexpected end of data"),
     ("ranges", "11.6", "19.6", "ranges.csv:2: time_s is 19.6"),
     ("ranges", "time_s, ", "", "ranges.csv:2: 4 cells: the header has 3"),
     ("ranges", ", b", ", b; c", None),
@@ -141,6 +154,59 @@ def test_what_contradicts_itself_is_refused_by_line(tmp_path, table, text, why):
     given = {"odometry": ODOMETRY, "ranges": RANGES, table: text}
     with pytest.raises(ValueError, match=re.escape(why)):
         formats.read(folder_of(tmp_path, **given))
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_quotes_blank_lines_a_byte_order_mark_and_other_line_ends_do_no_harm(tmp_path, end):
+    folder = folder_of(tmp_path)
+    expected = formats.read(folder).log
+    for name, text in (("odometry", ODOMETRY), ("ranges", RANGES)):
+        quoted = re.sub(r"[^,\s]+", r'"\g<0>"', text).replace("\n", end + " " + end)
+        (folder / f"{name}.csv").write_bytes(b"\xef\xbb\xbf" + quoted.encode())
+    found = formats.read(folder).log
+    for field in ("odometry", "pose_of", "ranges", "label_of"):
+        np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
+
+
+def test_a_number_of_many_digits_is_read_in_time(tmp_path):
+    text = ODOMETRY.replace("11.0", "1" * 200_000 + "x")
+    with pytest.raises(ValueError, match=r"odometry.csv:3: '1{37}\.\.\.' is not a finite number"):
+        formats.read(folder_of(tmp_path, odometry=text))
+
+
+@pytest.mark.parametrize("name", ["", " a", "a\n", "a\rb", "a\0", "\ud800"])
+def test_a_name_that_would_not_come_back_is_not_written(tmp_path, name):
+    given = recording()
+    names = [*given.landmark_names[:5], name]
+    with pytest.raises(ValueError, match=r"landmark_names\[5\] is"):
+        tables.write(tmp_path / "new", replace(given, landmark_names=names))
+    with pytest.raises(ValueError, match="6 landmarks need as many different names"):
+        tables.write(tmp_path / "new", replace(given, landmark_names=["a"] * 6))
+    assert not (tmp_path / "new").exists()
+
+
+def test_an_older_table_that_would_be_read_with_the_new_ones_stops_writing(tmp_path):
+    tables.write(tmp_path, recording())
+    before = (tmp_path / "odometry.csv").read_bytes()
+    with pytest.raises(ValueError, match=r"truth\.csv: it is there already"):
+        tables.write(tmp_path, replace(recording(101), truth=None))
+    assert (tmp_path / "odometry.csv").read_bytes() == before
+
+
+def test_ranges_without_any_landmark_say_which_table_is_missing(tmp_path):
+    text = "pose,range_m,sigma_m,landmark\n0,1.0,0.1,\n"
+    with pytest.raises(ValueError, match=r"ranges\.csv: it names no landmark, and no landmarks"):
+        formats.read(folder_of(tmp_path, ranges=text))
+
+
+@pytest.mark.parametrize(
+    ("row", "why"),
+    [("scale,0,1", "scale has mean 0"), ("offset_m,0,-1", "sigma -1"), ("scale,inf,1", "'inf'")],
+)
+def test_a_calibration_that_is_none_is_refused_by_line(tmp_path, row, why):
+    text = f"quantity,mean,sigma\n{row}\n"
+    with pytest.raises(ValueError, match=rf"calibration\.csv:2: .*{why}"):
+        formats.read(folder_of(tmp_path, calibration=text))
 
 
 def test_a_table_that_may_be_missing_is_not_missing_if_its_link_leads_nowhere(tmp_path):
