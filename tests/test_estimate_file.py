@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sngr_utils import __main__ as command_line
-from sngr_utils.files import pyfg, tables
+from sngr_utils.files import pyfg, table_writer
 from sngr_utils.files.recording import Recording
 from sngr_utils.robust import growing_map
 from sngr_utils.world.log import NO_LABEL, LogWarning
@@ -93,14 +93,14 @@ def test_landmarks_in_doubt_are_called_as_in_the_file_and_labels_need_to_be_ther
     world = simulate(Scenario(n_poses=20, n_landmarks=3), 0.0, rng=np.random.default_rng(101))
     log = world.log([0.01, 0.01, 0.001])
     names = ["west", "7", "5"]
-    tables.write(tmp_path / "a", Recording(log.keep(log.label_of != 1), None, names))
+    table_writer.write(tmp_path / "a", Recording(log.keep(log.label_of != 1), None, names))
     assert command_line.main(["estimate", str(tmp_path / "a")]) == 0
     said = capsys.readouterr()
     assert said.err == "warning: landmarks 7 have no range\n"
     assert "IT MAY BE WRONG: landmarks 7 have hardly a range" in said.out
     assert "of the labels are wrong" in said.out
     unlabelled = replace(log, label_of=np.full(len(log.ranges), NO_LABEL))
-    tables.write(tmp_path / "b", Recording(unlabelled, None, names))
+    table_writer.write(tmp_path / "b", Recording(unlabelled, None, names))
     assert command_line.main(["estimate", str(tmp_path / "b")]) == 0
     said = capsys.readouterr().out
     assert "labels" not in said
@@ -133,7 +133,7 @@ def test_a_landmark_that_is_not_found_has_no_place(tmp_path, capsys):
     log = world.log([0.01, 0.01, 0.001])
     with pytest.warns(LogWarning, match="no range"):
         log = replace(log, n_landmarks=4, landmark_means=None, landmark_sigmas=None)
-    tables.write(tmp_path, Recording(log, None, list("abcd")))
+    table_writer.write(tmp_path, Recording(log, None, list("abcd")))
     assert command_line.main(["estimate", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert "is not found\n" in said
@@ -144,7 +144,9 @@ def test_labels_are_not_judged_where_chances_stand_for_them(tmp_path, capsys):
     world = simulate(Scenario(n_poses=20, n_landmarks=2), 0.0, rng=np.random.default_rng(103))
     log = world.log([0.01, 0.01, 0.001])
     chances = np.full((len(log.ranges), 2), 0.5)
-    tables.write(tmp_path, Recording(replace(log, label_probabilities=chances), None, ["a", "b"]))
+    table_writer.write(
+        tmp_path, Recording(replace(log, label_probabilities=chances), None, ["a", "b"])
+    )
     assert command_line.main(["estimate", str(tmp_path)]) == 0
     assert "of the labels are wrong" not in capsys.readouterr().out
 
@@ -152,7 +154,7 @@ def test_labels_are_not_judged_where_chances_stand_for_them(tmp_path, capsys):
 def test_a_name_in_the_file_does_not_command_the_terminal(tmp_path, capsys):
     world = simulate(Scenario(n_poses=20, n_landmarks=2), 0.0, rng=np.random.default_rng(104))
     names = ["\x1b[2Ja", "b"]
-    tables.write(tmp_path, Recording(world.log([0.01, 0.01, 0.001]), None, names))
+    table_writer.write(tmp_path, Recording(world.log([0.01, 0.01, 0.001]), None, names))
     assert command_line.main(["estimate", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert "\x1b" not in said

@@ -6,7 +6,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from sngr_utils.files import formats, pyfg, tables
+from sngr_utils.files import formats, pyfg, table_writer
 from sngr_utils.files.recording import Recording
 from sngr_utils.world.log import NO_LABEL, Log
 from sngr_utils.world.truth import Truth
@@ -89,7 +89,7 @@ def test_any_log_comes_back_from_tables(tmp_path, seed):
         source_of=rng.integers(-1, k, size=m),
     )
     given = Recording(log, truth, names_of(rng, k))
-    tables.write(tmp_path / "new", given)
+    table_writer.write(tmp_path / "new", given)
     found = formats.read(tmp_path / "new")
     assert found.landmark_names == given.landmark_names
     assert_same(found.log, log, rtol=1e-14)  # sigmas and correlations say a covariance

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sngr_utils.files import formats, tables, tum
+from sngr_utils.files import formats, table_writer, tum
 from sngr_utils.files.recording import Recording
 from sngr_utils.world.log import Log
 from sngr_utils.world.scenario import Scenario
@@ -79,7 +79,7 @@ def recording(seed=100):
 
 def test_all_that_tables_can_say_comes_back(tmp_path):
     given = recording()
-    tables.write(tmp_path / "new", given)
+    table_writer.write(tmp_path / "new", given)
     found = formats.read(tmp_path / "new")
     assert found.landmark_names == given.landmark_names
     for name in vars(given.log):
@@ -91,7 +91,7 @@ def test_all_that_tables_can_say_comes_back(tmp_path):
 
 
 def test_a_log_without_truth_comes_back_without(tmp_path):
-    tables.write(tmp_path / "new", replace(recording(), truth=None))
+    table_writer.write(tmp_path / "new", replace(recording(), truth=None))
     assert formats.read(tmp_path / "new").truth is None
 
 
@@ -179,17 +179,17 @@ def test_a_name_that_would_not_come_back_is_not_written(tmp_path, name):
     given = recording()
     names = [*given.landmark_names[:5], name]
     with pytest.raises(ValueError, match=r"landmark_names\[5\] is"):
-        tables.write(tmp_path / "new", replace(given, landmark_names=names))
+        table_writer.write(tmp_path / "new", replace(given, landmark_names=names))
     with pytest.raises(ValueError, match="6 landmarks need as many different names"):
-        tables.write(tmp_path / "new", replace(given, landmark_names=["a"] * 6))
+        table_writer.write(tmp_path / "new", replace(given, landmark_names=["a"] * 6))
     assert not (tmp_path / "new").exists()
 
 
 def test_an_older_table_that_would_be_read_with_the_new_ones_stops_writing(tmp_path):
-    tables.write(tmp_path, recording())
+    table_writer.write(tmp_path, recording())
     before = (tmp_path / "odometry.csv").read_bytes()
     with pytest.raises(ValueError, match=r"truth\.csv: it is there already"):
-        tables.write(tmp_path, replace(recording(101), truth=None))
+        table_writer.write(tmp_path, replace(recording(101), truth=None))
     assert (tmp_path / "odometry.csv").read_bytes() == before
 
 
