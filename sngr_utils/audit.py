@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from sngr_utils.settings import READING, Distinct, Levels, Positive, Probability
 from sngr_utils.slam.conventions import PRESETS
-from sngr_utils.world.scenario import ManyWorlds
+from sngr_utils.world.scenario import ManyWorlds, PosesOfWindows
 
 # What runs is imported where it runs: a check of all parameters needs no GTSAM and no compiler.
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class Config(ManyWorlds):
     n_windows, p_windows : worlds and level of the experiments window by window
     """
 
-    n_poses: Annotated[int, Field(ge=5)] = 30  # fewer have no window that may trigger
+    n_poses: PosesOfWindows = 30
     n_seeds: Annotated[int, Field(ge=2)] = 30
     p_levels: Levels = [0.0, 0.1, 0.2, 0.3, 0.4]
     taus: Annotated[list[Positive], Field(min_length=1), Distinct] = [3.9, 3.92, 3.96, 4.0]

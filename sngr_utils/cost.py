@@ -15,7 +15,7 @@ from sngr_utils.experiments.bench import BenchSettings, Performance
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.settings import Levels, Positive, Seed
 from sngr_utils.slam.conventions import PRESETS, OpenConventions
-from sngr_utils.world.scenario import Scenario
+from sngr_utils.world.scenario import PosesOfWindows, Scenario
 
 if TYPE_CHECKING:
     from sngr_utils.experiments.growth import Growth
@@ -30,7 +30,7 @@ class Config(Scenario, SamplerSettings, BenchSettings, OpenConventions):
     timing_calls : likelihood calls behind each time per call
     """
 
-    n_poses: Annotated[int, Field(ge=5)] = 30  # fewer have no window that may trigger
+    n_poses: PosesOfWindows = 30
     seed: Seed = 0
     p_levels: Levels = [0.0, 0.1, 0.2, 0.3]
     tau: Positive = 3.9

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from sngr_utils.sampling.settings import EngineChoice, SamplerSettings
 from sngr_utils.settings import Levels, Positive, Probability, Seed
 from sngr_utils.slam.conventions import PRESETS, OpenConventions
 from sngr_utils.sngr.gate import Gate
 from sngr_utils.sngr.noop_baseline import TriggerOnly, noop_expected_log_weight, noop_log_weights
-from sngr_utils.world.scenario import Scenario
+from sngr_utils.world.scenario import PosesOfWindows, Scenario
 
 if TYPE_CHECKING:
     from sngr_utils.sampling.targets.likelihood import LocalLikelihood
@@ -35,7 +35,7 @@ class Config(Scenario, EngineChoice, SamplerSettings, Gate, TriggerOnly, OpenCon
     p_noop : level of the trigger-only baseline
     """
 
-    n_poses: Annotated[int, Field(ge=5)] = 30  # fewer have no window that may trigger
+    n_poses: PosesOfWindows = 30
     seed: Seed = 0
     p_levels: Levels = [0.0, 0.1, 0.2, 0.3]
     p_diagnosed: Probability = 0.2

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 
 def _distinct(values: list) -> list:
@@ -13,9 +13,11 @@ def _distinct(values: list) -> list:
 
 Positive = Annotated[float, Field(gt=0)]
 Probability = Annotated[float, Field(ge=0, le=1)]
-Seed = Annotated[int, Field(ge=0)]
+Seed = Annotated[int, Field(ge=0, le=2**53)]
 Distinct = AfterValidator(_distinct)  # of a list: Annotated[list[Seed], Distinct]
 Levels = Annotated[list[Probability], Field(min_length=1), Distinct]  # the p of a study
+
+MOST = 1_000_000  # of whatever is counted: a larger study ends in no year, or in no memory
 
 PRESET_NAMES = ("A", "B", "C")  # names of `conventions.PRESETS`: what the paper leaves open
 READING = "C"  # the preset that is our reading of the paper: GTSAM's own iSAM2 settings
@@ -31,6 +33,15 @@ class Checked(BaseModel):
     model_config = ConfigDict(
         frozen=True, strict=True, extra="forbid", allow_inf_nan=False, validate_default=True
     )
+
+    @model_validator(mode="after")
+    def _can_be_done(self) -> Self:
+        for name, value in self:
+            counts = value if isinstance(value, list) else [value]
+            most = max((count for count in counts if isinstance(count, int)), default=0)
+            if most > MOST and not name.endswith("seed"):
+                raise ValueError(f"{name} is beyond {MOST}: it would take years")
+        return self
 
     @classmethod
     def pick(cls, names: dict[str, object]) -> Self:

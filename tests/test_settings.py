@@ -28,3 +28,19 @@ def test_distinct_values_are_kept_in_their_order():
 def test_levels_are_probabilities(levels):
     with pytest.raises(ValueError, match="p_levels"):
         Study(p_levels=levels)
+
+
+class Counted(Study):
+    first_seed: Seed = 0
+    n_worlds: int = 30
+    lengths: list[int] = [30]
+
+
+@pytest.mark.parametrize(
+    "changes", [{"n_worlds": 10**9}, {"n_worlds": 1 << 20_000}, {"lengths": [30, 10**7]}]
+)
+def test_what_would_take_years_is_refused_by_name(changes):
+    (name,) = changes
+    with pytest.raises(ValueError, match=f"{name} is beyond 1000000"):
+        Counted(**changes)
+    assert Counted(first_seed=10**9).first_seed == 10**9  # a seed counts nothing

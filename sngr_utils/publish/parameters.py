@@ -68,6 +68,8 @@ def _count(tree: Any, so_far: int) -> int:
     so_far += 1
     if so_far > LARGEST:
         raise ValueError(f"its aliases stand for more than {LARGEST} entries")
+    if isinstance(tree, int) and tree.bit_length() > 1000:  # Python writes none of 4300 digits
+        raise ValueError("it has an integer of more than 300 digits")
     if isinstance(tree, dict | list | set | tuple):
         for part in [*tree, *tree.values()] if isinstance(tree, dict) else tree:
             so_far = _count(part, so_far)

@@ -112,6 +112,7 @@ BOMB = "seed: &a0 [0]\n" + "".join(
         ("seed: 0", "seed: &a [*a]", "not valid YAML"),
         ("seed: 0", "seed: " + "[" * 600, "not valid YAML"),
         ("seed: 0", "seed: 0 #" + "x" * 1_000_000, "not valid YAML: it has more than 1000000 b"),
+        ("seed: 0", "seed: 0x" + "f" * 5000, "not valid YAML: it has an integer of more than 300"),
         ("seed: 0", BOMB, "not valid YAML: its aliases stand for more than 1000000 entries"),
         ("seed: 0", "seed: 0\nnull: 1", "unknown key None"),
         ("seed: 0", "seed: 0\n[1]: 1", "unknown key|not valid YAML"),
