@@ -8,11 +8,13 @@ import argparse
 import logging
 import signal
 import sys
+import time
+from collections.abc import Callable
 
 from sngr_utils.publish.notebooks import ProjectError
 
 UNTOUCHED = "interrupted: published results are untouched"
-_interrupted = []  # signals received: after one, any exception is a consequence of it
+_interrupted = []  # times of signals: after one, any exception is a consequence of it
 
 
 def _check(args) -> int:
@@ -176,22 +178,29 @@ def main(arguments: list[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _interrupt)
     try:
-        return COMMANDS[args.command][0](args)
-    except ProjectError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except (OSError, MemoryError) as error:  # the machine says no: a full disk, no permission
-        if _interrupted:
-            print(UNTOUCHED, file=sys.stderr)
-            return 130
-        print(f"error: {_of_machine(error)}; published results are untouched", file=sys.stderr)
-        return 1
+        return _status(COMMANDS[args.command][0], args)
     except BaseException:
         if not _interrupted:
             raise
+        for number in (signal.SIGINT, signal.SIGTERM):  # who presses again stops no farewell
+            signal.signal(number, signal.SIG_IGN)
         logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # no traceback of the lost kernel
         print(UNTOUCHED, file=sys.stderr)
         return 130
+
+
+def _status(work: Callable[[argparse.Namespace], int], args: argparse.Namespace) -> int:
+    """What a command returns; 1 for what it refuses, said in one line."""
+    try:
+        return work(args)
+    except (ProjectError, OSError, MemoryError) as error:
+        if _interrupted:
+            raise
+        if isinstance(error, ProjectError):
+            print(f"error: {error}", file=sys.stderr)
+        else:  # the machine says no: a full disk, no permission
+            print(f"error: {_of_machine(error)}; published results are untouched", file=sys.stderr)
+        return 1
 
 
 def _workers(text: str) -> int:
@@ -208,8 +217,11 @@ def _of_machine(error: OSError | MemoryError) -> str:
 
 
 def _interrupt(signum, frame):
-    _interrupted.append(signum)
-    raise KeyboardInterrupt
+    """Stop; what arrives in the second after it would only stop what cleans up."""
+    now = time.monotonic()
+    if not _interrupted or now - _interrupted[-1] > 1:
+        _interrupted.append(now)
+        raise KeyboardInterrupt
 
 
 if __name__ == "__main__":

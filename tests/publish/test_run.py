@@ -561,8 +561,9 @@ def test_quick_and_refresh(project):
     assert (project / f"notebooks/{NAME}.ipynb").read_bytes() == content
 
 
-def test_interrupt_leaves_with_a_message():
-    """SIGINT to a running command: a sentence, status 130, no traceback."""
+@pytest.mark.parametrize("times", [1, 50])
+def test_interrupt_leaves_with_a_message(times):
+    """SIGINT to a running command, and more at once: a sentence, status 130, no traceback."""
     code = (
         "import sys, time; from sngr_utils.__main__ import main;"
         "from sngr_utils.publish import run;"
@@ -574,7 +575,9 @@ def test_interrupt_leaves_with_a_message():
     )
     assert process.stdout.readline() == "started\n"
     time.sleep(0.2)
-    process.send_signal(signal.SIGINT)
+    for _ in range(times):
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.0005)
     _, message = process.communicate(timeout=30)
     assert process.returncode == 130
     assert message == "interrupted: published results are untouched\n"
