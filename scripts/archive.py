@@ -5,14 +5,13 @@ After `make results`. The crate says of each notebook what it was made from and 
 asks of a replication.
 """
 
+import argparse
 import hashlib
 import shutil
 import tempfile
 from pathlib import Path
 
 import packed
-from rocrate.model.contextentity import ContextEntity
-from rocrate.rocrate import ROCrate
 from ruamel.yaml import YAML
 
 from sngr_utils import paths
@@ -52,8 +51,11 @@ def main() -> None:
     print(f"build/archive/{TARBALL}: {len(files)} files, sha256 {digest}")
 
 
-def crate() -> ROCrate:
+def crate():
     """The files of all notebooks, and of each notebook the action that made its files."""
+    from rocrate.model.contextentity import ContextEntity
+    from rocrate.rocrate import ROCrate
+
     citation, made = read_yaml(paths.CITATION), ROCrate()
     made.name, made.description = citation["title"], describe()
     made.datePublished = made.root_dataset["dateModified"] = str(citation["date-released"])
@@ -80,7 +82,7 @@ def crate() -> ROCrate:
     return made
 
 
-def add(made: ROCrate, path: Path):
+def add(made, path: Path):
     """A file of the checkout, under the name it has there."""
     kind, content = KINDS[path.suffix], path.read_bytes()
     properties = {
@@ -97,6 +99,8 @@ def check(folder: Path) -> None:
     ------
     ValueError : what is missing, or is not what its hash says
     """
+    from rocrate.rocrate import ROCrate
+
     read = ROCrate(folder)
     for needed in ("name", "description", "datePublished", "license"):
         if not read.root_dataset.get(needed):
@@ -143,4 +147,5 @@ def replication() -> dict:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     main()

@@ -4,6 +4,7 @@ After `make pdf`, whose recorder files say what was read. The documents lie at t
 tarball, with their bibliographies made.
 """
 
+import argparse
 import os
 import re
 import subprocess
@@ -84,4 +85,5 @@ def pages(log: str) -> str:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     main()

@@ -2,6 +2,7 @@
 # Make sure that the site can be tested in a browser: install Chromium on a Debian-like system if
 # we may, say what to do otherwise. CHROMIUM=/path/to/chromium names one that is there already.
 set -euo pipefail
+[ $# = 0 ] || { sed -n '2,/^set/s/^# //p' "$0" >&2; exit 2; }
 
 for browser in "${CHROMIUM:-chromium}" chromium chromium-browser google-chrome; do
   command -v "$browser" > /dev/null && exit 0

@@ -2,6 +2,7 @@
 # Make sure that the paper can be typeset: install the small set of TeX packages on a
 # Debian-like system if we may, say what to do otherwise. NO_APT=1 declines it.
 set -euo pipefail
+[ $# = 0 ] || { sed -n '2,/^set/s/^# //p' "$0" >&2; exit 2; }
 
 packages="texlive-latex-extra texlive-publishers texlive-science latexmk"
 files="IEEEtran.cls IEEEtran.bst subfig.sty booktabs.sty hyperref.sty microtype.sty algpseudocode.sty"

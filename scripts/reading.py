@@ -5,6 +5,7 @@ rows, and one with numbers marks the cell that matters. The limits are in pyproj
 [tool.reading]: lower them when a notebook has become shorter.
 """
 
+import argparse
 import json
 import re
 import sys
@@ -106,4 +107,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     sys.exit(main())

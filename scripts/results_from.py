@@ -5,6 +5,7 @@ in this checkout, and one of the five longest notebooks, drawn at random, is exe
 them again. Only then are they published. No run is left in build/runs: tests execute all the same.
 """
 
+import argparse
 import hashlib
 import random
 import re
@@ -106,7 +107,9 @@ def compare(name: str, folder: Path) -> None:
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("tarball", type=Path)
     try:
-        main(Path(sys.argv[1]))
+        main(parser.parse_args().tarball)
     except ProjectError as error:
         sys.exit(f"error: {error}")

@@ -3,6 +3,7 @@
 # Usage: setup.sh [PYTHON]. Does nothing if .venv is complete and current.
 # A set-up that fails or is cut off leaves the environment that was there before.
 set -euo pipefail
+case "${1:-}" in -*) sed -n '2,/^set/s/^# //p' "$0" >&2; exit 2 ;; esac
 unset CDPATH
 cd -P "$(dirname "$0")/.." # one name, also if it is reached by a link
 

@@ -4,6 +4,7 @@
 set -euo pipefail
 unset CDPATH PIP_USER PIP_TARGET PIP_PREFIX PIP_REQUIRE_VIRTUALENV
 cd "$(dirname "$0")/.."
+[ -f "${2:-}" ] || { sed -n '2,/^set/s/^# //p' scripts/setup_more.sh >&2; exit 2; }
 
 name=$1 lock=$2
 current="$(cksum < "$lock")"

@@ -6,6 +6,7 @@ one file that needs MathJax beside it and no network. Arrows turn the pages; pri
 page.
 """
 
+import argparse
 import html
 import importlib.util
 import re
@@ -127,4 +128,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     sys.exit(main())

@@ -5,6 +5,7 @@ stored outputs, so that nothing is executed. Paths in links and in the parameter
 rewritten for the other folder.
 """
 
+import argparse
 import re
 import sys
 from pathlib import Path
@@ -40,6 +41,7 @@ def write(notebooks: Path, folder: Path) -> list[Path]:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     root = Path(__file__).resolve().parents[1]
     count = len(write(root / "notebooks", root / "build" / "student"))
     print(f"build/student: {count} notebooks without solutions")

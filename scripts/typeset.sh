@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Typeset the paper and its supplement. The PDFs are replaced only if all went well with both.
 set -euo pipefail
+[ $# = 0 ] || { sed -n '2,/^set/s/^# //p' "$0" >&2; exit 2; }
 unset CDPATH
 cd "$(dirname "$0")/../paper"
 

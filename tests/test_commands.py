@@ -3,6 +3,7 @@
 A stub writes a line to a log, and fails if the environment variable FAIL is part of that line.
 """
 
+import runpy
 import shutil
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import pytest
 
 from sngr_utils import paths
 
+SCRIPTS = paths.ROOT / "scripts"
 STUB = """#!/bin/sh
 line="{name} $*"
 echo "$line" >> "{log}"
@@ -343,3 +345,30 @@ def test_a_paper_with_an_error_never_replaces_the_last_good_one(tex, latexmk, re
         assert (status, kept) == (1, ["good\n"] * 2)
         assert "error: the paper was not typeset; the last good PDF is untouched." in tex.output
         assert reason in tex.output
+
+
+# --- what is asked wrongly ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("asked", ["--help", "--nonsense"])
+@pytest.mark.parametrize(
+    "script",
+    ["matrix"] + [path.name for path in SCRIPTS.glob("*.py") if "__main__" in path.read_text()],
+)
+def test_a_script_tells_how_it_is_used_and_does_no_work(script, asked, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", [script, asked])
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    with pytest.raises(SystemExit) as left:
+        runpy.run_path(str(SCRIPTS / script), run_name="__main__")
+    told = "".join(capsys.readouterr()) + str(left.value.code)
+    assert script in told
+    assert left.value.code != (0 if asked == "--nonsense" else 2)
+
+
+@pytest.mark.parametrize("script", sorted(path.name for path in SCRIPTS.glob("*.sh")))
+def test_a_shell_script_tells_what_it_is_for_and_does_no_work(script):
+    done = subprocess.run(
+        ["bash", f"scripts/{script}", "--help"], cwd=paths.ROOT, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert len(done.stderr.splitlines()) in (1, 2, 3)

@@ -5,6 +5,7 @@ library a page, and the verdicts a table that can be sorted. Links between them 
 written, for the pages lie to each other as the files do.
 """
 
+import argparse
 import html
 import json
 import os
@@ -217,4 +218,5 @@ def verdicts() -> str:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     main()
