@@ -74,14 +74,15 @@ class Graph:
         times = np.array([self.poses[name][1] for name in poses])
         still = len(times) > 1 and np.ptp(times) == 0
         ranges = self._ranges(dict(zip(poses, range(len(poses)), strict=True)), names)
+        given = {**ranges, **self._first(poses[0], ranges["range_sigmas"]), **self._surveys(names)}
         with named(self.path):
             log = Log(
                 odometry=motions,
                 odometry_covariances=np.array([step[2] for step in steps]).reshape(-1, 3, 3),
                 n_landmarks=len(names),
                 times=None if still else times,
-                **ranges, **self._first(poses[0], ranges["range_sigmas"]), **self._surveys(names),
-            )  # fmt: skip
+                **given,
+            )
         return Recording(log, self._truth(log, at, names, vertices_are_true), names)
 
     def _chain(self) -> list[str]:

@@ -82,6 +82,8 @@ def _ambiguous(found: graph.Graph, line: Line, fields: list[str]) -> None:
     parts, key = {}, None
     for value in fields:
         if value in ("Observer", "Observed", "Weights", "Binary", "Observation", "Sigma"):
+            if value in parts:
+                raise line.refuse(f"{value} twice")
             parts[key := value] = []
         elif key:
             parts[key].append(value)

@@ -82,7 +82,7 @@ class Table:
         for i, row in enumerate(self.rows):
             cells = [self.cells_of(row, name) for name in columns]
             if not (empty and not any(cells)):
-                found[i] = row.numbers(cells)
+                found[i] = row.numbers(cells, names=columns)
         return found
 
     def cells_of(self, row: Line, column: str) -> str:

@@ -33,8 +33,14 @@ class Line:
         """The error to raise for this line."""
         return ValueError(f"{self.path}:{self.number}: {why}")
 
-    def numbers(self, fields: list[str], most: float = LARGEST) -> np.ndarray:
+    def numbers(
+        self, fields: list[str], most: float = LARGEST, names: list[str] | None = None
+    ) -> np.ndarray:
         """Finite numbers within bounds.
+
+        Parameters
+        ----------
+        names : of the fields, if they have some
 
         Raises
         ------
@@ -42,11 +48,12 @@ class Line:
         """
         found = np.empty(len(fields))
         for i, field in enumerate(fields):
+            what = f"{names[i]}: {_shown(field)}" if names else _shown(field)
             if not NUMBER.fullmatch(field):
-                raise self.refuse(f"{_shown(field)} is not a finite number")
+                raise self.refuse(f"{what} is not a finite number")
             found[i] = float(field)
             if abs(found[i]) > most:
-                raise self.refuse(f"{_shown(field)} is beyond {most:g}")
+                raise self.refuse(f"{what} is beyond {most:g}")
         return found
 
     def sigma(self, field: str, what: str, power: int = 1) -> float:

@@ -176,6 +176,7 @@ def test_pyfg_names_line_and_reason(tmp_path, old, new, why):
 FG_BAD = [
     ("Observed L2 L1", "Observed L2", ":8: it must be: Observer"),
     ("Weights 3 1", "Weights 0 0", ":8: weights"),
+    ("Weights 3 1", "Weights 3 1 Weights 2 2", ":8: Weights twice"),
     ("Weights 3 1", "Weights -1 1", ":8: weights"),
     ("Binary SE2R2Range", "Binary SE2Relative", ":8: ambiguous SE2Relative"),
     ("Observed L2 L1", "Observed L2 X0", ":8: a range between poses"),

@@ -101,7 +101,7 @@ BAD = [
     ("odometry", "sigma_theta_rad", "sigma_theta_rad,x", "odometry.csv:1: 'x' is no column"),
     ("odometry", "dy_m", "dx_m,dy_m", "odometry.csv:1: column dx_m stands there twice"),
     ("odometry", "11.0,1.0,0.0", "11.0,1.0", "odometry.csv:3: 6 cells"),
-    ("odometry", "11.0,1.0,0.0", "11.0,inf,0.0", "odometry.csv:3: 'inf' is not a finite"),
+    ("odometry", "11.0,1.0,0.0", "11.0,inf,0.0", "odometry.csv:3: dx_m: 'inf' is not a finite"),
     ("odometry", "0.2,0.3,0.01", "0.2,0,0.01", "odometry.csv:3: sigma_y_m is '0'"),
     ("odometry", "\n12.0", "\n9.0", "odometry.csv:4: time must not go back"),
     ("ranges", "3.0, 0.5", "-3.0, 0.5", "ranges.csv:2: range_m is '-3.0'"),
@@ -111,18 +111,18 @@ BAD = [
     ("ranges", ", b", ', "b"c', "ranges.csv:2: ',' expected after '\"'"),
     ("ranges", "time_s, range_m, ", "time_s; range_m; ", "ranges.csv:1: no column range_m"),
     ("ranges", "time_s", "# radios\ntime_s", "ranges.csv:1: no column range_m"),
-    ("ranges", "11.6, 3.0", "# 11.6, 3.0", "ranges.csv:2: '# 11.6' is not a finite number"),
+    ("ranges", "11.6, 3.0", "# 11.6, 3.0", "ranges.csv:2: time_s: '# 11.6' is not a finite"),
     ("ranges", "11.6, 3.0", "11,6, 3,0", "ranges.csv:2: 6 cells: the header has 4"),
-    ("odometry", "11.0,1.0,0.0", "1_1.0,1.0,0.0", "odometry.csv:3: '1_1.0' is not a finite"),
-    ("odometry", "11.0,1.0,0.0", "11.0,1e21,0.0", "odometry.csv:3: '1e21' is beyond 1e+20"),
-    ("odometry", "11.0,1.0,0.0", "11.0,0x1,0.0", "odometry.csv:3: '0x1' is not a finite"),
+    ("odometry", "11.0,1.0,0.0", "1_1.0,1.0,0.0", "odometry.csv:3: time_s: '1_1.0' is not a fin"),
+    ("odometry", "11.0,1.0,0.0", "11.0,1e21,0.0", "odometry.csv:3: dx_m: '1e21' is beyond 1e+20"),
+    ("odometry", "11.0,1.0,0.0", "11.0,0x1,0.0", "odometry.csv:3: dx_m: '0x1' is not a finite"),
     ("odometry", "0.2,0.3,0.01", "0.2,1e-21,0.01", "odometry.csv:3: sigma_y_m is '1e-21'"),
     ("odometry", "11.0", '"11.0', "odometry.csv:3: unexpected end of data"),
     ("ranges", "11.6", "19.6", "ranges.csv:2: time_s is 19.6"),
     ("ranges", "time_s, ", "", "ranges.csv:2: 4 cells: the header has 3"),
     ("ranges", ", b", ", b; c", None),
     ("landmarks", "c,,,", "c,1.0,1.0,0", "landmarks.csv:4: sigma_m is '0'"),
-    ("landmarks", "c,,,", "c,1.0,,", "landmarks.csv:4: '' is not a finite number"),
+    ("landmarks", "c,,,", "c,1.0,,", "landmarks.csv:4: y_m: '' is not a finite number"),
     ("landmarks", "c,,,", "a,,,", "landmarks.csv:3: landmark 'a'"),
     ("landmarks", "a,4.0", "d,4.0", "ranges.csv:3: landmark 'a': landmarks.csv has none such"),
 ]
@@ -170,7 +170,7 @@ def test_quotes_blank_lines_a_byte_order_mark_and_other_line_ends_do_no_harm(tmp
 
 def test_a_number_of_many_digits_is_read_in_time(tmp_path):
     text = ODOMETRY.replace("11.0", "1" * 200_000 + "x")
-    with pytest.raises(ValueError, match=r"odometry.csv:3: '1{37}\.\.\.' is not a finite number"):
+    with pytest.raises(ValueError, match=r"odometry.csv:3: time_s: '1{37}\.\.\.' is not a finite"):
         formats.read(folder_of(tmp_path, odometry=text))
 
 
