@@ -6,6 +6,7 @@ should not wait for what executes notebooks.
 
 import argparse
 import logging
+import re
 import signal
 import sys
 import time
@@ -39,8 +40,12 @@ def _latex(args) -> int:
 
 
 def _each(args) -> int:
-    from sngr_utils.publish import run
+    from sngr_utils.publish import notebooks, run
 
+    known = notebooks.names()
+    for name in args.names:
+        if name not in known:
+            raise ProjectError(f"no notebook {name[:60]!r}: it must be one of {', '.join(known)}")
     work = {
         "notebook": run.run_notebook,
         "quick": run.run_quick,
@@ -196,16 +201,17 @@ def _status(work: Callable[[argparse.Namespace], int], args: argparse.Namespace)
     except (ProjectError, OSError, MemoryError) as error:
         if _interrupted:
             raise
-        if isinstance(error, ProjectError):
-            print(f"error: {error}", file=sys.stderr)
-        else:  # the machine says no: a full disk, no permission
-            print(f"error: {_of_machine(error)}; published results are untouched", file=sys.stderr)
+        told = str(error)
+        if not isinstance(error, ProjectError):  # the machine says no: a full disk, no permission
+            told = f"{_of_machine(error)}; published results are untouched"
+        shown = (c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in told)
+        print("error:", "".join(shown), file=sys.stderr)  # a name cannot command a terminal
         return 1
 
 
 def _workers(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of workers, 1 or more")
+    if not re.fullmatch("[1-9][0-9]{0,3}", text):
+        raise argparse.ArgumentTypeError(f"{text[:20]!r} is no number of workers, 1 to 9999")
     return int(text)
 
 

@@ -40,6 +40,8 @@ def run(path: Path, out: Path | None, overwrite: bool) -> None:
     with warnings.catch_warnings(record=True) as odd:
         warnings.simplefilter("always", LogWarning)
         recording = _printable(formats.read(path))
+    if len(recording.log.ranges) and not recording.log.ranges.max() > 0:
+        raise ValueError(f"{path}: no range is above zero")
     for text in dict.fromkeys(str(warning.message) for warning in odd):
         print(f"warning: {_in_names(text, recording)}", file=sys.stderr)
     places = _places(path, out, overwrite)
@@ -76,7 +78,12 @@ def _estimate(path: Path, recording: Recording) -> GrownMap:
     with warnings.catch_warnings(), named(path):
         warnings.simplefilter("ignore", LogWarning)  # said when the log was read
         Thread(target=work, daemon=True).start()
-        return found.result()
+        try:
+            return found.result()
+        except np.linalg.LinAlgError as error:
+            raise ValueError(
+                f"its numbers are too large or too small beside each other ({error})"
+            ) from None
 
 
 def _in_names(text: str, recording: Recording) -> str:
@@ -140,8 +147,8 @@ def _places(path: Path, out: Path | None, overwrite: bool) -> tuple[Path, Path]:
     folder = out or (path if path.is_dir() else path.parent)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ValueError(f"{folder}: {error.strerror}") from None
+    except (OSError, ValueError) as error:  # a zero byte is a ValueError
+        raise ValueError(f"{folder}: {getattr(error, 'strerror', error)}") from None
     found = folder / f"{name}.tum", folder / f"{name}.png"
     for there in found:
         if there.is_dir():

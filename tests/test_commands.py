@@ -10,6 +10,7 @@ import sys
 
 import pytest
 
+from sngr_utils import __main__ as command_line
 from sngr_utils import paths
 
 SCRIPTS = paths.ROOT / "scripts"
@@ -372,3 +373,41 @@ def test_a_shell_script_tells_what_it_is_for_and_does_no_work(script):
     )
     assert (done.returncode, done.stdout) == (2, "")
     assert len(done.stderr.splitlines()) in (1, 2, 3)
+
+
+@pytest.mark.parametrize("command", ["notebook", "quick", "aside", "refresh"])
+@pytest.mark.parametrize("name", ["", "01", "01_bimodal.ipynb", "../x", "a\0b", "\n", "x" * 5000])
+def test_a_name_of_no_notebook_is_refused_before_any_runs(command, name, capsys):
+    assert command_line.main([command, "01_bimodal", name]) == 1
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("error: no notebook ")
+    assert said.err.count("\n") == 1
+    assert len(said.err) < 400
+
+
+@pytest.mark.parametrize(
+    ("asked", "told"),
+    [
+        (["estimate", ""], "odometry.csv: No such file or directory"),
+        (["estimate", "/dev/zero"], "/dev/zero: neither one of .pyfg"),
+        (["estimate", "\x1b[2Jb.pyfg"], r"\x1b[2Jb.pyfg: no such file"),
+        (["estimate", "a\0b.pyfg"], r"a\x00b.pyfg: no such file"),
+        (["estimate", "x" * 5000 + ".pyfg"], "File name too long"),
+        (["why", "x" * 100_000], "no notebook hands on a value, table or figure 'xxx"),
+        (["study", "../x"], "study is '../x': it must be one of"),
+    ],
+)
+def test_what_is_asked_wrongly_ends_in_one_line(asked, told, capsys):
+    assert command_line.main(asked) == 1
+    said = capsys.readouterr()
+    assert (said.out, said.err.count("\n")) == ("", 1)
+    assert told in said.err
+    assert all(c.isprintable() for c in said.err.strip())
+
+
+@pytest.mark.parametrize("jobs", ["0", "-1", "1e3", "2.0", "", "9" * 5000, "٣"])
+def test_a_number_of_workers_is_one_that_a_machine_may_have(jobs, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        command_line.main(["study", "every_world", "--jobs", jobs])
+    assert "argument --jobs" in capsys.readouterr().err

@@ -55,6 +55,19 @@ def test_what_only_the_estimator_can_refuse_names_the_file_too(log_file, capsys)
     )
 
 
+def test_ranges_that_are_all_noise_or_numbers_beyond_all_measure_name_the_file(tmp_path, capsys):
+    world = simulate(Scenario(n_poses=10, n_landmarks=3), 0.0, rng=np.random.default_rng(100))
+    log = world.log([0.01, 0.01, 0.001])
+    below = replace(log, ranges=np.full(30, -0.3))
+    beyond = replace(log, odometry=1e19 * log.odometry)
+    for changed, why in ((below, "no range is above zero"), (beyond, "are too large or too small")):
+        table_writer.write(tmp_path, Recording(changed, None, list("abc")))
+        assert command_line.main(["estimate", str(tmp_path)]) == 1
+        said = capsys.readouterr().err
+        assert said.startswith(f"error: {tmp_path}: ")
+        assert why in said
+
+
 def test_what_cannot_be_written_is_refused_before_the_work(log_file, capsys, monkeypatch):
     monkeypatch.setattr(growing_map, "estimate", None)  # it would be a TypeError
     dangling, folder = (log_file.with_name(f"mine_estimate.{end}") for end in ("tum", "png"))

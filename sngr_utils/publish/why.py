@@ -157,4 +157,4 @@ def _unknown(name: str) -> str:
     known += [what for book in notebooks.names() for _, what in handed_on(book)]
     near = difflib.get_close_matches(name, known, n=3)
     hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
-    return f"no notebook hands on a value, table or figure {name!r}{hint}"
+    return f"no notebook hands on a value, table or figure {name[:60]!r}{hint}"
