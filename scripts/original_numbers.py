@@ -5,9 +5,11 @@ the printed digits need GTSAM 4.2, which this project's environment does not hav
 
     python -m venv build/gtsam42
     build/gtsam42/bin/pip install gtsam==4.2 'numpy<2'
-    build/gtsam42/bin/python scripts/original_numbers.py
+    build/gtsam42/bin/python scripts/original_numbers.py            # the printed tables
+    build/gtsam42/bin/python scripts/original_numbers.py 100 199    # the trigger in other worlds
 """
 
+import sys
 from dataclasses import dataclass
 
 import gtsam
@@ -133,5 +135,21 @@ def main() -> None:
         print(f"tau {tau:.2f}: triggers at p = 0, 0.2, 0.3, seed 0: {counts}")
 
 
+def over_worlds(first: int, last: int) -> None:
+    """Print what an alarm says in the worlds of these seeds, of the windows that may fire."""
+    print("p    silent worlds  windows failed  precision  recall")
+    for p in PS:
+        runs = [outcome(p, seed) for seed in range(first, last + 1)]
+        fires = np.array([run.fires(WIDTH - 1) for run in runs])
+        failed = np.array([run.failed for run in runs])[:, WIDTH - 1 :]
+        silent, base, hits = (
+            ~fires.any(axis=1),
+            failed.mean(),
+            (fires[:, WIDTH - 1 :] & failed).sum(),
+        )
+        rates = f"{hits / max(fires.sum(), 1):9.3f}  {hits / max(failed.sum(), 1):6.3f}"
+        print(f"{p:.1f}  {silent.mean():13.2f}  {base:14.3f}  {rates}")
+
+
 if __name__ == "__main__":
-    main()
+    over_worlds(*map(int, sys.argv[1:])) if sys.argv[1:] else main()
