@@ -67,18 +67,51 @@ def test_a_letter_has_one_meaning():
     assert len(found) == len(set(found)) > 40
 
 
+def told(name):
+    """The text of a notebook, or of the paper and its supplement, without code and comments."""
+    if name == "paper":
+        return re.sub(r"(?<!\\)%.*", "", paper_text()).replace(r"\MAP", " ").replace(r"\T", " ")
+    cells = [cell.source for cell in read_notebook(name).cells if cell.cell_type == "markdown"]
+    return re.sub(r"`[^`]*`", "", "\n".join(cells))
+
+
 @pytest.mark.parametrize("name", [*NOTEBOOKS, "paper"])
 def test_every_letter_of_a_formula_is_in_the_table_of_notation(name):
-    if name == "paper":
-        text = re.sub(r"(?<!\\)%.*", "", paper_text()).replace(r"\MAP", " ").replace(r"\T", " ")
-    else:
-        told = [cell.source for cell in read_notebook(name).cells if cell.cell_type == "markdown"]
-        text = re.sub(r"`[^`]*`", "", "\n".join(told))
+    text = told(name)
     assert letters("$ab + \\text{c} \\mathcal N d_w \\hat k \\sigma^e$") == set("dwke") | {
         r"\sigma"
     }
     assert letters(text)
     assert letters(text) <= letters(" ".join(signs())) | set("TK")
+
+
+# What a letter can be called, and which letters are: "the weight $w$" has another meaning.
+CALLED = {
+    "weight": r"\omega \gamma", "density": r"\pi \phi", "leverage": "H", "covariance": r"\Sigma",
+    "information": r"\Lambda R", "jacobian": "J", "hessian": r"\nabla", "threshold": r"\tau",
+    "score": "s", "eigenvalue": r"\lambda", "evidence": "Z", "innovation": r"\nu", "variance": "S",
+    "odometry": "u", "residual": "r i", "error": "e E", "step": r"\delta t", "loss": r"\rho",
+    "width": r"\kappa \sigma", "switch": r"\gamma", "share": r"p \beta", "mass": "m",
+    "mean": r"\mu x", "pose": "x t", "landmark": "l k", "range": "z i", "window": "w t",
+    "factor": r"\phi \alpha i", "sigma": r"\sigma \xi", "tolerance": r"\xi", "dimension": "d",
+}  # fmt: skip
+
+
+def second_meanings(text):
+    """Where a word for one letter stands before another: (word, letter)."""
+    found = []
+    for word, formula in re.findall(r"(?<![\w-])([A-Za-z]+)\s+\$([^$]+)\$", text):
+        word = word.lower() if word.lower() in CALLED else word.lower().removesuffix("s")
+        first = LETTER.match(re.sub(r"^\\(?:hat|bar) ", "", formula))
+        if word in CALLED and first and first[0] not in CALLED[word].split():
+            found.append((word, first[0]))
+    return found
+
+
+@pytest.mark.parametrize("name", [*NOTEBOOKS, "paper"])
+def test_no_letter_is_called_what_another_is(name):
+    assert second_meanings("the weights $w_i$, the share\n$p$") == [("weight", "w")]
+    assert second_meanings(told(name)) == []
 
 
 def test_the_quiz_has_fifteen_questions_and_answers():

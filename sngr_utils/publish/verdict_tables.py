@@ -64,7 +64,7 @@ def result(verdicts: Verdicts) -> dict:
             line["pass"], ".1f" if line["pass"] % 1 else ".0f"
         )
     tables = {
-        "claims_headline": _table(headline(verdicts.rows), "p{66mm}p{32mm}p{36mm}lll"),
+        "claims_headline": _table(headline(verdicts.rows), "p{55mm}p{22mm}p{24mm}lll"),
         "claims_summary": _table(summary(verdicts.rows)),
         "claims_controls": _table(control_table(verdicts.controls)),
         "claims_groups": _table(groups(verdicts.read), "llp{48mm}p{48mm}rl"),
@@ -136,9 +136,10 @@ def headline(by_preset: dict[str, list[Row]]) -> pd.DataFrame:
         for preset in others:
             elsewhere.setdefault(at[preset][name].verdict, []).append(preset)
         told = [f"{', '.join(who)}: {verdict}" for verdict, who in elsewhere.items()]
-        same = elsewhere.keys() == {row.verdict}
+        if len(elsewhere) == 1:  # the head of the column says of whom
+            told = ["the same" if row.verdict in elsewhere else next(iter(elsewhere))]
         lines.append([row.what, row.printed, row.ours, _power(row), row.verdict,
-                      "the same" if same else "; ".join(told)])  # fmt: skip
+                      "; ".join(told)])  # fmt: skip
     heads = ["claim", "printed", f"ours, preset {reading}", "power", f"verdict, {reading}"]
     return pd.DataFrame(lines, columns=[*heads, " and ".join(others)])
 

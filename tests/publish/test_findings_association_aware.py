@@ -145,3 +145,15 @@ def test_one_in_sixteen_is_lost_most_of_them_misled_and_most_doubt_themselves():
     assert len(rest) < 0.5 * lost
     assert rest["doubtful"].mean() < 0.2
     assert rows[rows["kind"] == "ranges 10 % long"]["doubtful"].all()
+
+
+def test_of_all_constants_two_matter_and_both_where_odometry_slips():
+    """The supplement's table has the worst of two worlds; here each world is held to itself."""
+    rows = studies.committed("sensitivity")
+    world = ["kind", "p", "seed"]
+    base = rows[rows["constant"] == ""].set_index(world)["final"]
+    changed = rows[rows["constant"] != ""].set_index(world)
+    assert (len(base), changed["constant"].nunique()) == (6, 53)
+    moved = changed[np.abs(np.log(changed["final"] / base.reindex(changed.index))) > 0.01]
+    assert set(moved["constant"]) == {"belief.LOOSE", "belief.TURNED"}
+    assert set(moved.index.get_level_values("kind")) == {"slip 5 m"}

@@ -92,6 +92,17 @@ def test_most_that_forget_lose_single_worlds_from_the_grid_and_who_reassigns_har
     assert all(lost(method, "grid") <= 0.1 for method in REASSIGN)
 
 
+def test_fastslam_is_low_in_the_median_and_loses_more_worlds_than_who_reassigns():
+    for p in LEVELS[1:]:
+        assert median("fastslam", p, "ratio") < 1.2
+        wide, other = (
+            summaries.median_and_interval(pd.Series(worlds(method, p, "ratio")))
+            for method in ("fastslam", "cauchy")
+        )
+        assert wide.high - wide.low > 2 * (other.high - other.low)
+    assert np.mean(worlds("fastslam", "0.4", "ratio") > LOST) > lost("em", "grid")
+
+
 def test_covariances():
     oracle = median("oracle", "0.4", "nees")
     for method in ("isam2", "sngr", "least_squares"):
