@@ -61,7 +61,7 @@ help:
 	@echo 'make bench      time the engines side by side, with their errors'
 	@echo 'make verify     re-run everything aside and compare with paper/reference'
 	@echo 'make setup      the Python environment only (.venv)'
-	@echo 'make site       the web site, in build/site; make test-site looks at it in a browser'
+	@echo 'make site       the web site, in build/site; make test-site looks at it in a browser (Chromium by apt: NO_APT=1 declines)'
 	@echo 'make archive    results with checksums and metadata, for a repository of data, in build/archive'
 	@echo 'make arxiv      the sources of the paper as a tarball that typesets alone'
 	@echo 'make results-from TARBALL=...  take results from an archive; one notebook is run to check'
