@@ -3,7 +3,8 @@
 # `make help` lists the rest. Works with GNU Make 3.81 and later, with or without -j.
 
 SHELL := bash
-.SHELLFLAGS := -euo pipefail -c
+# -p: without what a user exports to all shells, options and functions
+.SHELLFLAGS := -p -euo pipefail -c
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
 
@@ -23,9 +24,10 @@ COMPILE := $(RUN) compile
 # The environment is private: nothing of the user's set-up of Python, Jupyter, Matplotlib, numba,
 # joblib, pytest, git or TeX counts, whatever they have put into variables.
 unexport $(filter PYTHON% JUPYTER% IPYTHON% MPL% NUMBA_% JOBLIB_% LOKY_% DASK_% PYTEST_% COVERAGE_% \
-  RUFF_% PAPERMILL_% NBVAL_% PYDEVD_% OPENBLAS_% MKL_% KMP_% TEX% BIB% BST% MF% TFM% T1% ENC% \
-  GIT_% VIRTUAL_ENV CONDA_PREFIX LATEXMKRCSYS max_print_line error_line half_error_line shell_escape \
-  openout_any openin_any CDPATH BASH_ENV ENV GREP_OPTIONS POSIXLY_CORRECT TZ, $(.VARIABLES))
+  RUFF_% PAPERMILL_% NBVAL_% PYDEVD_% TQDM_% NODE_% OPENBLAS_% MKL_% KMP_% TEX% BIB% BST% MF% TFM% \
+  T1% ENC% GIT_% VIRTUAL_ENV CONDA_PREFIX LATEXMKRCSYS max_print_line error_line half_error_line \
+  shell_escape openout_any openin_any CDPATH BASH_ENV BASHOPTS SHELLOPTS BASH_FUNC_% ENV \
+  GREP_OPTIONS POSIXLY_CORRECT TZ, $(.VARIABLES))
 export PYTHONNOUSERSITE := 1
 export PYTHONHASHSEED := 0
 export PYTHONUTF8 := 1
@@ -34,8 +36,8 @@ export JUPYTER_PREFER_ENV_PATH := 1
 export IPYTHONDIR := $(CURDIR)/build/cache/ipython
 export MPLCONFIGDIR := $(CURDIR)/build/cache/matplotlib
 export TEXMFHOME := $(CURDIR)/build/cache/texmf
-export OPENBLAS_NUM_THREADS ?= 1
-export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS := 1
+export OMP_NUM_THREADS := 1
 export SOURCE_DATE_EPOCH := 1735689600
 
 # In a recipe: -j$(JOBS) for a sub-make, unless the user gave make a -j of their own.
