@@ -123,7 +123,8 @@ $(NOTEBOOKS:%=scratch/%): scratch/%: setup
 	@$(RUN) aside $*
 
 # Where a number, a table or a figure comes from: make why KEY=online.p0.4.ratio, TABLE=online_goal
-# or FIGURE=08_association_aware_summary.
+# or FIGURE=08_association_aware_summary; a cell of a table as paper/reference has it,
+# KEY=tab_online_goal.row1.column2.
 .PHONY: why
 why: export ASKED := $(or $(KEY),$(TABLE),$(FIGURE))
 why: setup
