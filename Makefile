@@ -3,7 +3,8 @@
 # `make help` lists the rest. Works with GNU Make 3.81 and later, with or without -j.
 
 SHELL := bash
-.SHELLFLAGS := -euo pipefail -c
+# -p: without what a user exports to all shells, options and functions
+.SHELLFLAGS := -p -euo pipefail -c
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
 
@@ -23,9 +24,10 @@ COMPILE := $(RUN) compile
 # The environment is private: nothing of the user's set-up of Python, Jupyter, Matplotlib, numba,
 # joblib, pytest, git or TeX counts, whatever they have put into variables.
 unexport $(filter PYTHON% JUPYTER% IPYTHON% MPL% NUMBA_% JOBLIB_% LOKY_% DASK_% PYTEST_% COVERAGE_% \
-  RUFF_% PAPERMILL_% NBVAL_% PYDEVD_% OPENBLAS_% MKL_% KMP_% TEX% BIB% BST% MF% TFM% T1% ENC% \
-  GIT_% VIRTUAL_ENV CONDA_PREFIX LATEXMKRCSYS max_print_line error_line half_error_line shell_escape \
-  openout_any openin_any CDPATH BASH_ENV ENV GREP_OPTIONS POSIXLY_CORRECT TZ, $(.VARIABLES))
+  RUFF_% PAPERMILL_% NBVAL_% PYDEVD_% TQDM_% NODE_% OPENBLAS_% MKL_% KMP_% TEX% BIB% BST% MF% TFM% \
+  T1% ENC% GIT_% VIRTUAL_ENV CONDA_PREFIX LATEXMKRCSYS max_print_line error_line half_error_line \
+  shell_escape openout_any openin_any CDPATH BASH_ENV BASHOPTS SHELLOPTS BASH_FUNC_% ENV \
+  GREP_OPTIONS POSIXLY_CORRECT TZ, $(.VARIABLES))
 export PYTHONNOUSERSITE := 1
 export PYTHONHASHSEED := 0
 export PYTHONUTF8 := 1
@@ -34,8 +36,8 @@ export JUPYTER_PREFER_ENV_PATH := 1
 export IPYTHONDIR := $(CURDIR)/build/cache/ipython
 export MPLCONFIGDIR := $(CURDIR)/build/cache/matplotlib
 export TEXMFHOME := $(CURDIR)/build/cache/texmf
-export OPENBLAS_NUM_THREADS ?= 1
-export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS := 1
+export OMP_NUM_THREADS := 1
 export SOURCE_DATE_EPOCH := 1735689600
 
 # In a recipe: -j$(JOBS) for a sub-make, unless the user gave make a -j of their own.
@@ -61,7 +63,7 @@ help:
 	@echo 'make bench      time the engines side by side, with their errors'
 	@echo 'make verify     re-run everything aside and compare with paper/reference'
 	@echo 'make setup      the Python environment only (.venv)'
-	@echo 'make site       the web site, in build/site; make test-site looks at it in a browser'
+	@echo 'make site       the web site, in build/site; make test-site looks at it in a browser (Chromium by apt: NO_APT=1 declines)'
 	@echo 'make archive    results with checksums and metadata, for a repository of data, in build/archive'
 	@echo 'make arxiv      the sources of the paper as a tarball that typesets alone'
 	@echo 'make results-from TARBALL=...  take results from an archive; one notebook is run to check'
@@ -121,7 +123,8 @@ $(NOTEBOOKS:%=scratch/%): scratch/%: setup
 	@$(RUN) aside $*
 
 # Where a number, a table or a figure comes from: make why KEY=online.p0.4.ratio, TABLE=online_goal
-# or FIGURE=08_association_aware_summary.
+# or FIGURE=08_association_aware_summary; a cell of a table as paper/reference has it,
+# KEY=tab_online_goal.row1.column2.
 .PHONY: why
 why: export ASKED := $(or $(KEY),$(TABLE),$(FIGURE))
 why: setup

@@ -16,7 +16,7 @@ import zlib
 from pathlib import Path
 
 from sngr_utils import paths
-from sngr_utils.publish import notebooks, run, verified, verify
+from sngr_utils.publish import notebooks, run, verify
 from sngr_utils.publish.files import read_json, replace
 from sngr_utils.publish.freshness import inputs
 from sngr_utils.publish.notebooks import ProjectError
@@ -87,11 +87,8 @@ def unpack(tarball: Path, folder: Path) -> list[str]:
 
 
 def longest() -> list[str]:
-    """The five notebooks that took longest when all were last verified; all, if that is unknown."""
-    minutes = verified.minutes()
-    return sorted(notebooks.names(), key=lambda name: -minutes.get(name, 0.0))[
-        : LONGEST if minutes else None
-    ]
+    """The five notebooks that take longest."""
+    return sorted(notebooks.names(), key=notebooks.length)[:LONGEST]
 
 
 def compare(name: str, folder: Path) -> None:

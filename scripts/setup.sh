@@ -51,15 +51,7 @@ if [ -e .venv ] && { [ ! -w .venv ] || [ ! -w .venv/bin ]; }; then
   fail ".venv is not yours to replace (it belongs to $(ls -ld .venv | awk '{print $3}'))"
 fi
 
-# Of pip's and uv's settings only what says where packages come from, and how, may count here.
-for name in $(compgen -e | grep -E '^(PIP|UV)_' || true); do
-  case "$name" in
-    *_INDEX* | *_CERT* | *_PROXY | *_FIND_LINKS | *_HOST | *_TIMEOUT | *_RETRIES | *_CACHE_DIR) ;;
-    *_CONFIG_FILE | *_NATIVE_TLS | *_OFFLINE | *_CONCURRENT_* | *_KEYRING_PROVIDER | *_LINK_MODE) ;;
-    *) unset "$name" ;;
-  esac
-done
-export PIP_DISABLE_PIP_VERSION_CHECK=1
+. scripts/private_pip.sh
 
 [ -e .venv.before ] || [ ! -e .venv ] || mv .venv .venv.before
 give_back() {

@@ -5,6 +5,7 @@ import importlib.util
 import json
 import re
 import tarfile
+import tomllib
 
 import pytest
 
@@ -34,6 +35,13 @@ def test_the_metadata_of_archives_follow_the_citation(citation):
     assert zenodo["keywords"] == codemeta["keywords"]
     (paper,) = citation["references"]
     assert codemeta["referencePublication"]["name"] == paper["title"]
+    assert codemeta["referencePublication"]["id"] == f"https://doi.org/{paper['doi']}"
+    assert [each["identifier"] for each in zenodo["related_identifiers"]] == [paper["doi"]]
+    assert f"doi    = {{{paper['doi']}}}" in (paths.PAPER / "references.bib").read_text()
+    project = tomllib.loads((paths.ROOT / "pyproject.toml").read_text())["project"]
+    assert citation["version"] == project["version"]
+    pythons = re.findall(r"3\.\d+", codemeta["runtimePlatform"])
+    assert project["requires-python"] == f">={pythons[0]},<3.{int(pythons[1][2:]) + 1}"
 
 
 def test_each_licence_names_what_it_covers():

@@ -152,7 +152,7 @@ def test_nothing_of_the_users_python_counts(made):
 @pytest.fixture
 def setup(checkout):
     """setup.sh with a uv that makes an environment without installing anything."""
-    for name in ("setup.sh", "alone.py"):
+    for name in ("setup.sh", "setup_more.sh", "private_pip.sh", "alone.py"):
         shutil.copy(paths.ROOT / "scripts" / name, checkout.folder / "scripts")
     (checkout.folder / "environment.lock").write_text("numpy==1 --hash=sha256:0\n")
     (checkout.bin / "python3").symlink_to(sys.executable)
@@ -198,16 +198,30 @@ def test_a_failed_set_up_leaves_the_environment_that_was_there(setup):
     assert not (setup.folder / ".venv.before").exists()
 
 
-def test_of_pips_and_uvs_settings_only_where_packages_come_from_counts(setup):
+@pytest.mark.parametrize("script", [("setup.sh",), ("setup_more.sh", "more", "environment.lock")])
+def test_of_pips_and_uvs_settings_only_where_packages_come_from_counts(setup, script):
     setup.stub("bin/uv", "uv", "mkdir -p .venv/bin; env > seen")
     kept = dict.fromkeys(["PIP_INDEX_URL", "UV_DEFAULT_INDEX", "PIP_CERT", "UV_CACHE_DIR"], "a")
     unwanted = ["PIP_CONSTRAINT", "PIP_NO_BINARY", "UV_NO_BINARY", "PIP_USER", "PIP_TARGET",
                 "UV_SYSTEM_PYTHON", "UV_PROJECT", "PIP_REQUIRE_VIRTUALENV"]  # fmt: skip
     dropped = dict.fromkeys(unwanted, "1")
-    assert setup.run("bash", "scripts/setup.sh", **kept, **dropped)[0] == 0, setup.output
+    status, _ = setup.run("bash", f"scripts/{script[0]}", *script[1:], **kept, **dropped)
+    assert status == 0, setup.output
     seen = dict(line.split("=", 1) for line in (setup.folder / "seen").read_text().splitlines())
     assert kept.items() <= seen.items()
     assert not dropped.keys() & seen.keys()
+
+
+def test_what_a_target_of_its_own_needs_is_installed_by_its_hashes_and_once(setup):
+    (setup.folder / ".venv").mkdir()
+    command = ("bash", "scripts/setup_more.sh", "site", "environment.lock")
+    status, _ = setup.run(*command, FAIL="--require-hashes")
+    assert status == 1
+    assert "error: environment.lock was not installed" in setup.output
+    status, (line,) = setup.run(*command, PIP_FIND_LINKS="a")
+    assert status == 0
+    assert line.endswith("--only-binary :all: --no-deps --require-hashes -r environment.lock")
+    assert setup.run(*command) == (0, [])
 
 
 def test_two_set_ups_do_not_meet(setup):
@@ -261,7 +275,7 @@ def test_without_a_python_that_will_do_set_up_says_so(setup):
 
 @pytest.fixture
 def tex(checkout):
-    for name in ("install_tex.sh", "typeset.sh"):
+    for name in ("install_tex.sh", "install_browser.sh", "typeset.sh"):
         shutil.copy(paths.ROOT / "scripts" / name, checkout.folder / "scripts")
     return checkout
 
@@ -283,18 +297,23 @@ def test_without_tex_and_without_leave_to_install_it_says_what_to_run(tex):
     assert not any(line.startswith("apt-get") for line in log)
 
 
-def test_what_is_done_as_root_is_said_before_and_can_be_declined(tex):
+@pytest.mark.parametrize(
+    ("script", "missing"),
+    [("install_tex.sh", "TeX is missing"), ("install_browser.sh", "no Chromium")],
+)
+def test_what_is_done_as_root_is_said_before_and_can_be_declined(tex, script, missing):
     tex.stub("bin/apt-get", "apt-get")
     (tex.bin / "id").unlink()
     tex.stub("bin/id", "id", "echo 0")
-    status, log = tex.run("bash", "scripts/install_tex.sh", NO_APT="1")
+    status, log = tex.run("bash", f"scripts/{script}", NO_APT="1")
     assert (status, [line for line in log if "apt-get" in line]) == (1, [])
-    assert "may not install it here (NO_APT is set)" in tex.output
-    status, log = tex.run("bash", "scripts/install_tex.sh")
+    assert "may not" in tex.output
+    assert "here (NO_APT is set)" in tex.output
+    status, log = tex.run("bash", f"scripts/{script}")
     assert status == 1  # the stub installs nothing
     assert [line.split()[1] for line in log if line.startswith("apt-get")] == ["update", "install"]
     said = tex.output.index("As root, on this system and not only in this folder, this runs now")
-    assert said < tex.output.index("error: TeX is missing")
+    assert said < tex.output.index(f"error: {missing}")
     assert "To decline, stop it and set NO_APT=1." in tex.output
 
 

@@ -9,13 +9,19 @@ import sys
 import tarfile
 from pathlib import Path
 
-from copies import NAME, ROOT, Copy, template
+from copies import NAME, ROOT, Copy, Skip, can, template
 
 sys.path.insert(0, str(ROOT / "scripts"))
 import packed
 
 SITUATIONS = {}
 KEPT = "kept/sngr-results.tar.gz"
+EACH_MODULE = """
+import importlib, pkgutil, sys, sngr_utils
+for module in pkgutil.walk_packages(sngr_utils.__path__, "sngr_utils."):
+    "__main__" in module.name or importlib.import_module(module.name)
+print("3.%d" % sys.version_info[1])
+"""
 
 
 def situation(name):
@@ -105,6 +111,29 @@ def installed_by(copy: Copy, steps: str) -> None:
     assert done.status == 0, done.text[-600:]
     done = copy.run("python", "-m", "sngr_utils", "quick", NAME, timeout=300)
     assert done.status == 0, done.text[-600:]
+
+
+def another_python(minor: int) -> None:
+    """Register a set-up from nothing with Python 3.MINOR, if it is on the PATH or pyenv's."""
+
+    def each(copy: Copy) -> None:
+        root = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"))
+        named = [f"python3.{minor}", *map(str, root.glob(f"versions/3.{minor}.*/bin/python"))]
+        found = [python for python in named if can(python, "--version")]
+        if not found or sys.version_info[1] == minor:
+            raise Skip("it is not here" if not found else "it is the checkout's own")
+        shutil.rmtree(copy.root / ".venv")
+        copy.works("check", f"PYTHON={found[-1]}")
+        done = copy.run(".venv/bin/python", "-c", EACH_MODULE)
+        assert (done.status, done.text) == (0, f"3.{minor}\n"), done.text[-600:]
+        copy.works(f"run/{NAME}")
+
+    SITUATIONS[f"a set-up from nothing with Python 3.{minor}"] = each
+
+
+for minor in range(11, 15):
+    another_python(minor)
+OTHER_PYTHONS = {name for name in SITUATIONS if name.startswith("a set-up from nothing")}
 
 
 @situation("Binder's steps in an empty environment")

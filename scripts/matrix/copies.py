@@ -6,6 +6,7 @@ copy's own package and the installed ones.
 
 import functools
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -86,8 +87,9 @@ class Copy:
         return Done(done.returncode, done.stdout)
 
     def env(self) -> dict[str, str]:
-        """The variables of its user: of ours, only the PATH and what a network needs."""
-        kept = {k: v for k, v in os.environ.items() if k == "PATH" or "CERT" in k or "PROXY" in k}
+        """The variables of its user: of ours, the PATH and where packages come from."""
+        network = re.compile("PATH|.*(CERT|PROXY|_INDEX|FIND_LINKS).*", re.I)
+        kept = {name: value for name, value in os.environ.items() if network.fullmatch(name)}
         return kept | {"HOME": str(self.home), "LANG": "C.UTF-8"} | self.variables
 
     def works(self, *targets: str) -> str:

@@ -18,12 +18,13 @@ from typing import Any
 
 from sngr_utils import paths
 from sngr_utils.publish import notebooks
-from sngr_utils.publish.files import write_json, write_text
+from sngr_utils.publish.files import read_json, write_json, write_text
 from sngr_utils.publish.freshness import STAMP, digest, file_digest, inputs, is_whole_run
 from sngr_utils.publish.notebooks import ProjectError
 
 UNTOUCHED = "published results are untouched"
 QUIET_KERNEL = ["--log-level=50"]  # no remarks about its transport or its end
+SECONDS = "seconds.json"  # how long an execution took, beside it
 INJECTED = "injected-parameters"  # papermill's tag of the cell that it adds
 
 
@@ -42,7 +43,7 @@ def run_of(name: str, params: dict[str, Any]) -> Path:
         if is_whole_run(folder, wanted):
             print(f"{name}: executed before, from the same inputs", flush=True)
             return folder
-        staging, started = paths.STAGING / name, time.perf_counter()
+        staging = paths.STAGING / name
         print(f"{name}: running", flush=True)
         execute(name, params, staging)
         if not (staging / f"{name}.json").exists():
@@ -52,7 +53,7 @@ def run_of(name: str, params: dict[str, Any]) -> Path:
         shutil.rmtree(folder, ignore_errors=True)
         folder.parent.mkdir(parents=True, exist_ok=True)
         os.replace(staging, folder)
-        print(f"{name}: done in {time.perf_counter() - started:.0f} s", flush=True)
+        print(f"{name}: done in {read_json(folder / SECONDS)['seconds']:.0f} s", flush=True)
     return folder
 
 
@@ -72,7 +73,7 @@ def alone(name: str) -> Iterator[None]:
 
 
 def execute(name: str, params: dict[str, Any], folder: Path) -> None:
-    """papermill the notebook into an emptied folder, as ``<folder>/<name>.ipynb``.
+    """papermill the notebook into an emptied folder, as ``<folder>/<name>.ipynb``; time it.
 
     Raises
     ------
@@ -88,7 +89,7 @@ def execute(name: str, params: dict[str, Any], folder: Path) -> None:
     output = folder / f"{name}.ipynb"
     position = notebooks.names().index(name)
     bar = {"desc": name, "position": position, "leave": False, "disable": not sys.stderr.isatty()}
-    where = os.path.relpath(folder, paths.NOTEBOOKS)
+    where, started = os.path.relpath(folder, paths.NOTEBOOKS), time.perf_counter()
     try:
         papermill.execute_notebook(
             paths.NOTEBOOKS / f"{name}.ipynb",
@@ -114,6 +115,7 @@ def execute(name: str, params: dict[str, Any], folder: Path) -> None:
     executed = json.loads(output.read_text(encoding="utf-8"))
     tidy(executed)
     write_notebook(output, executed)
+    write_json(folder / SECONDS, {"seconds": time.perf_counter() - started})
 
 
 def tidy(notebook: dict) -> None:

@@ -3,12 +3,11 @@
 import json
 import os
 import re
-import time
 from pathlib import Path
 from typing import Any
 
 from sngr_utils import paths
-from sngr_utils.publish import claims, execution, links, notebooks, verified
+from sngr_utils.publish import claims, execution, links, notebooks
 from sngr_utils.publish.files import entries, read_json, replace, write_json, write_text
 from sngr_utils.publish.freshness import MALFORMED, STAMP, digest, file_digest, is_fresh, relative
 from sngr_utils.publish.notebooks import ProjectError
@@ -101,9 +100,7 @@ def run_quick(name: str) -> None:
 def run_aside(name: str) -> None:
     """Execute a notebook with its YAML into ``build/verify``, touching nothing published."""
     print(f"{name}: running aside", flush=True)
-    folder, started = paths.BUILD / "verify" / name, time.perf_counter()
-    execution.execute(name, read_params(name), folder)
-    write_json(folder / verified.SECONDS, {"seconds": time.perf_counter() - started})
+    execution.execute(name, read_params(name), paths.BUILD / "verify" / name)
 
 
 def refresh(name: str) -> None:

@@ -4,12 +4,11 @@ from datetime import date
 
 from sngr_utils import paths
 from sngr_utils.publish import notebooks
+from sngr_utils.publish.execution import SECONDS
 from sngr_utils.publish.files import read_json, write_json
 from sngr_utils.publish.freshness import MALFORMED, digest, inputs
 from sngr_utils.publish.links import commit
 from sngr_utils.publish.parameters import read_params
-
-SECONDS = "seconds.json"  # how long a run aside took, beside it
 
 
 def remember() -> None:

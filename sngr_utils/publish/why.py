@@ -14,10 +14,12 @@ from sngr_utils.publish.parameters import read_params
 from sngr_utils.publish.trace import Cell, handed_on, made_in, recording
 
 Line = tuple[str, str]
+TABLE_CELL = re.compile(r"tab_(\w+)\.row\d+\.column[\d.]+")  # as the reference names it
+STUDY = re.compile(r"\b(?:committed|study)\(\"(\w+)\"\)")  # what a cell takes its rows from
 
 
 def why(name: str) -> str:
-    """All that is known of a key of `\\res`, of a table, or of a figure, as aligned lines.
+    """All that is known of a key of `\\res`, of a table or a cell of it, or of a figure, in lines.
 
     Raises
     ------
@@ -34,9 +36,12 @@ def _of_value(key: str) -> list[Line]:
     for notebook in notebooks.names():
         entry, where = _entry(notebook, key)
         if entry:
+            found = [*_number(entry), ("read from", where)]
+            if in_table := TABLE_CELL.fullmatch(key):
+                return [*found, *_of_shown(in_table[1])]
             direct = handed_on(notebook).get(("value", key))
             cells = [direct] if direct else recording(notebook, key)
-            found = [*_number(entry), ("read from", where), *_cells(cells), *_made(notebook)]
+            found += [*_cells(cells), *_made(notebook)]
             return [*found, *_places(rf"\\res\{{{re.escape(key)}\}}", key), *_claims(key)]
     return []
 
@@ -79,7 +84,9 @@ def _entry(notebook: str, key: str) -> tuple[dict | None, str]:
 def _number(entry: dict) -> Iterator[Line]:
     from sngr_utils.publish.latex import shown_value  # pandas
 
-    yield "value", f"{shown_value(entry)}, in full {entry['value']!r}; sample size {entry['n']}"
+    entry = {"unit": "", **entry}  # of a table's cell the heading has it
+    size = f"; sample size {entry['n']}" if "n" in entry else ""
+    yield "value", f"{shown_value(entry)}, in full {entry['value']!r}{size}"
     error = entry.get("standard_error")
     yield (
         "error",
@@ -93,10 +100,21 @@ def _number(entry: dict) -> Iterator[Line]:
 
 def _cells(cells: list[Cell]) -> Iterator[Line]:
     """The cells that hand it on, and those before that make what they use."""
+    used = []
     for cell in cells:
+        earlier = made_in(cell)
         yield "cell", _place(cell)
-        for earlier in made_in(cell):
-            yield "made in", _place(earlier)
+        yield from (("made in", _place(each)) for each in earlier)
+        used += [name for each in [*earlier, cell] for name in STUDY.findall(each.source)]
+    yield from (("study", _study(name)) for name in dict.fromkeys(used))
+
+
+def _study(name: str) -> str:
+    """The file of a study, the command that makes it, and its own seeds."""
+    study = read_json(paths.PAPER / "studies" / f"{name}.json")
+    seeds = sorted({row["seed"] for rows in study["rows"] for row in rows if "seed" in row})
+    told = f"seeds {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"seeds {seeds}"
+    return f"paper/studies/{name}.json, {told}, code {study['code'][:16]}: make study/{name}"
 
 
 def _place(cell: Cell) -> str:

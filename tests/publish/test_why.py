@@ -87,6 +87,25 @@ def test_a_key_leads_to_the_cells_that_were_found_by_hand(key):
     )
 
 
+def test_what_a_study_hands_on_is_told_with_the_seeds_of_the_study():
+    (told,) = traced("worlds.lost")["study"]
+    rows = files.read_json(paths.PAPER / "studies/every_world.json")["rows"]
+    seeds = [row["seed"] for cell in rows for row in cell]
+    file, command = "paper/studies/every_world.json", "make study/every_world"
+    assert told.startswith(f"{file}, seeds {min(seeds)} to {max(seeds)}, code ")
+    assert told.endswith(command)
+    assert "study" not in traced("sweep.tau")
+
+
+def test_an_entry_of_a_table_is_told_with_its_table():
+    reference = files.read_json(paths.REFERENCE / "10_real_data.json")
+    entry = next(key for key in reference if key.startswith("tab_real_peers.row"))
+    told = traced(entry)
+    assert repr(reference[entry]["value"]) in told["value"][0]
+    table = traced("real_peers")
+    assert {label: told[label] for label in table} == table
+
+
 def test_a_value_is_told_with_its_error_and_its_tolerance():
     told = traced("online.p0.4.ratio")
     (path,) = told["read from"]
