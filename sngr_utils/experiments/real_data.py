@@ -109,12 +109,17 @@ def _batch(log: Log) -> list[tuple[str, np.ndarray]]:
     poses = dead_reckoning(log.x0_mean, log.odometry)
     found = [("dead_reckoning", poses)]
     landmarks = start_landmarks(log, poses, "grid")
-    chain = chain_problem.of_log(log, landmarks, growing_map.WIDE * float(log.ranges.max()))
+    chain = free_chain(log, landmarks)
     for method in BATCH:
         loss = losses.LOSSES[method]
         solved = chain_solver.solve(chain, poses, landmarks, loss, chain_solver.CERES)
         found.append((method, solved.poses))
     return found
+
+
+def free_chain(log: Log, landmarks: np.ndarray) -> chain_problem.Chain:
+    """The problem of a log, labels believed, nothing known of the landmarks (K, 2) but a start."""
+    return chain_problem.of_log(log, landmarks, growing_map.WIDE * float(log.ranges.max()))
 
 
 def path_errors(log: Log, truth: Truth, poses: np.ndarray) -> dict:
@@ -145,7 +150,7 @@ def told_truly(log: Log, truth: Truth) -> Log:
 
 def least_squares(log: Log, poses: np.ndarray, landmarks: np.ndarray) -> chain_solver.Estimate:
     """Labels believed, nothing known of the landmarks, from a start."""
-    chain = chain_problem.of_log(log, landmarks, growing_map.WIDE * float(log.ranges.max()))
+    chain = free_chain(log, landmarks)
     return chain_solver.solve(chain, poses, landmarks, LEAST_SQUARES, chain_solver.CERES)
 
 
@@ -229,7 +234,7 @@ def run_goats(number: int) -> list[dict]:
     held = np.arange(len(log.ranges)) % growing_map.HELD_OUT == 0
     grown = growing_map.estimate(log.keep(~held))
     soft, asked, seen = grown.soft, log.keep(held), grown.noise.log
-    chain = chain_problem.of_log(seen, soft.landmarks, growing_map.WIDE * float(log.ranges.max()))
+    chain = free_chain(seen, soft.landmarks)
     doubted = chain_solver.solve(
         chain, soft.poses, soft.landmarks, losses.LOSSES["huber"], chain_solver.CERES
     )

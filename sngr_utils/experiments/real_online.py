@@ -154,7 +154,7 @@ def judged(found: estimator.OnlineEstimate, log: Log, truth: Truth) -> dict:
     sources = truth.source_of[: len(used)]
     right = used & (found.used == sources)
     final, heard = real_data.path_errors(log, truth, found.poses), np.unique(log.pose_of)
-    chain = chain_problem.of_log(log, found.landmarks, growing_map.WIDE * float(log.ranges.max()))
+    chain = real_data.free_chain(log, found.landmarks)
     chain = chain_problem.weighted(
         chain, np.eye(log.n_landmarks + 1)[found.used][:, :-1], 1.0, NEGLIGIBLE
     )
