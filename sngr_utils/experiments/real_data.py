@@ -12,9 +12,8 @@ from sngr_utils.files.recording import Recording
 from sngr_utils.metrics.alignment import aligned_errors, aligned_rmse, incremental_rmse, rigid
 from sngr_utils.metrics.rmse_and_nees import nees
 from sngr_utils.robust import growing_map, losses
-from sngr_utils.robust.association import NEGLIGIBLE
 from sngr_utils.robust.growing_map import GrownMap
-from sngr_utils.slam import chain_problem, chain_solver
+from sngr_utils.slam import chain_problem, chain_solver, missed_steps
 from sngr_utils.slam.aligned_covariance import aligned_covariances
 from sngr_utils.slam.landmark_starts import start_landmarks
 from sngr_utils.slam.range_loss import LEAST_SQUARES
@@ -167,15 +166,13 @@ def judged(grown: GrownMap, log: Log, truth: Truth, named: bool) -> dict:
         credited = _renamed(credited, truth.source_of, log.n_landmarks)
     right = used & (credited == truth.source_of)
     heard = np.unique(log.pose_of)
-    calibration, sigmas = _calibration(grown)
-    chain = chain_problem.weighted(soft.chain, soft.responsibilities, 1.0, NEGLIGIBLE)
-    at = chain_solver.state_of(chain, soft.poses, soft.landmarks)
-    at = at._replace(calibration=soft.calibration)
+    calibration, sigmas = soft.calibration.tolist(), grown.calibration_sigmas.tolist()
     oracle = least_squares(told_truly(noise.log, truth), soft.poses, soft.landmarks)
     return {
         **path_errors(log, truth, soft.poses),
         "oracle": heard_rmse(log, truth, oracle.poses),
-        "nees": aligned_nees(chain, at, soft.position_covariances, heard, truth),
+        "nees": aligned_nees(*soft.minimum, soft.position_covariances, soft.missed, heard, truth),
+        "missed_steps": len(soft.missed.poses),
         "precision": float(right.sum() / max(used.sum(), 1)),
         "recall": float(right.sum() / np.count_nonzero(truth.source_of != NO_LABEL)),
         "share_wrong": soft.shares.wrong,
@@ -190,23 +187,18 @@ def judged(grown: GrownMap, log: Log, truth: Truth, named: bool) -> dict:
     }
 
 
-def _calibration(grown: GrownMap) -> tuple[list[float], list[float]]:
-    """Range scale and offset [m], and their sigmas."""
-    covariance = grown.noise.estimate.calibration_covariance
-    return grown.soft.calibration.tolist(), np.sqrt(np.diagonal(covariance)).tolist()
-
-
 def aligned_nees(
     chain: chain_problem.Chain,
     at: chain_solver.State,
     covariances: np.ndarray,
+    missed: missed_steps.Missed,
     heard: np.ndarray,
     truth: Truth,
 ) -> float:
     """NEES of the positions of some poses after their alignment; see `aligned_covariances`."""
     estimate, true = at.frames[heard, :2], truth.poses[heard, :2]
     rotation, _ = rigid(estimate, true)
-    found = aligned_covariances(chain, at, covariances, heard)
+    found = aligned_covariances(chain, at, covariances, heard, missed.poses)
     return nees(aligned_errors(estimate, true), rotation @ found @ rotation.T)
 
 
