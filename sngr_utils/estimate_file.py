@@ -133,11 +133,10 @@ def summary(recording: Recording, grown: GrownMap) -> list[str]:
 def _calibration(grown: GrownMap) -> list[tuple[str, float, float]]:
     """Range scale and offset as far as they are estimated, with their sigmas."""
     estimated = np.flatnonzero(grown.soft.chain.columns >= 0)
-    sigmas = np.sqrt(np.diagonal(grown.noise.estimate.calibration_covariance))
     names = ("range scale", "range offset [m]")
     return [
         (names[i], grown.soft.calibration[i], sigma)
-        for i, sigma in zip(estimated, sigmas, strict=True)
+        for i, sigma in zip(estimated, grown.calibration_sigmas, strict=True)
     ]
 
 

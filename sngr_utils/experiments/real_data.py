@@ -12,9 +12,8 @@ from sngr_utils.files.recording import Recording
 from sngr_utils.metrics.alignment import aligned_errors, aligned_rmse, incremental_rmse, rigid
 from sngr_utils.metrics.rmse_and_nees import nees
 from sngr_utils.robust import growing_map, losses
-from sngr_utils.robust.association import NEGLIGIBLE
 from sngr_utils.robust.growing_map import GrownMap
-from sngr_utils.slam import chain_problem, chain_solver
+from sngr_utils.slam import chain_problem, chain_solver, missed_steps
 from sngr_utils.slam.aligned_covariance import aligned_covariances
 from sngr_utils.slam.landmark_starts import start_landmarks
 from sngr_utils.slam.range_loss import LEAST_SQUARES
@@ -109,12 +108,17 @@ def _batch(log: Log) -> list[tuple[str, np.ndarray]]:
     poses = dead_reckoning(log.x0_mean, log.odometry)
     found = [("dead_reckoning", poses)]
     landmarks = start_landmarks(log, poses, "grid")
-    chain = chain_problem.of_log(log, landmarks, growing_map.WIDE * float(log.ranges.max()))
+    chain = free_chain(log, landmarks)
     for method in BATCH:
         loss = losses.LOSSES[method]
         solved = chain_solver.solve(chain, poses, landmarks, loss, chain_solver.CERES)
         found.append((method, solved.poses))
     return found
+
+
+def free_chain(log: Log, landmarks: np.ndarray) -> chain_problem.Chain:
+    """The problem of a log, labels believed, nothing known of the landmarks (K, 2) but a start."""
+    return chain_problem.of_log(log, landmarks, growing_map.WIDE * float(log.ranges.max()))
 
 
 def path_errors(log: Log, truth: Truth, poses: np.ndarray) -> dict:
@@ -145,7 +149,7 @@ def told_truly(log: Log, truth: Truth) -> Log:
 
 def least_squares(log: Log, poses: np.ndarray, landmarks: np.ndarray) -> chain_solver.Estimate:
     """Labels believed, nothing known of the landmarks, from a start."""
-    chain = chain_problem.of_log(log, landmarks, growing_map.WIDE * float(log.ranges.max()))
+    chain = free_chain(log, landmarks)
     return chain_solver.solve(chain, poses, landmarks, LEAST_SQUARES, chain_solver.CERES)
 
 
@@ -162,15 +166,13 @@ def judged(grown: GrownMap, log: Log, truth: Truth, named: bool) -> dict:
         credited = _renamed(credited, truth.source_of, log.n_landmarks)
     right = used & (credited == truth.source_of)
     heard = np.unique(log.pose_of)
-    calibration, sigmas = _calibration(grown)
-    chain = chain_problem.weighted(soft.chain, soft.responsibilities, 1.0, NEGLIGIBLE)
-    at = chain_solver.state_of(chain, soft.poses, soft.landmarks)
-    at = at._replace(calibration=soft.calibration)
+    calibration, sigmas = soft.calibration.tolist(), grown.calibration_sigmas.tolist()
     oracle = least_squares(told_truly(noise.log, truth), soft.poses, soft.landmarks)
     return {
         **path_errors(log, truth, soft.poses),
         "oracle": heard_rmse(log, truth, oracle.poses),
-        "nees": aligned_nees(chain, at, soft.position_covariances, heard, truth),
+        "nees": aligned_nees(*soft.minimum, soft.position_covariances, soft.missed, heard, truth),
+        "missed_steps": len(soft.missed.poses),
         "precision": float(right.sum() / max(used.sum(), 1)),
         "recall": float(right.sum() / np.count_nonzero(truth.source_of != NO_LABEL)),
         "share_wrong": soft.shares.wrong,
@@ -185,23 +187,18 @@ def judged(grown: GrownMap, log: Log, truth: Truth, named: bool) -> dict:
     }
 
 
-def _calibration(grown: GrownMap) -> tuple[list[float], list[float]]:
-    """Range scale and offset [m], and their sigmas."""
-    covariance = grown.noise.estimate.calibration_covariance
-    return grown.soft.calibration.tolist(), np.sqrt(np.diagonal(covariance)).tolist()
-
-
 def aligned_nees(
     chain: chain_problem.Chain,
     at: chain_solver.State,
     covariances: np.ndarray,
+    missed: missed_steps.Missed,
     heard: np.ndarray,
     truth: Truth,
 ) -> float:
     """NEES of the positions of some poses after their alignment; see `aligned_covariances`."""
     estimate, true = at.frames[heard, :2], truth.poses[heard, :2]
     rotation, _ = rigid(estimate, true)
-    found = aligned_covariances(chain, at, covariances, heard)
+    found = aligned_covariances(chain, at, covariances, heard, missed.poses)
     return nees(aligned_errors(estimate, true), rotation @ found @ rotation.T)
 
 
@@ -229,7 +226,7 @@ def run_goats(number: int) -> list[dict]:
     held = np.arange(len(log.ranges)) % growing_map.HELD_OUT == 0
     grown = growing_map.estimate(log.keep(~held))
     soft, asked, seen = grown.soft, log.keep(held), grown.noise.log
-    chain = chain_problem.of_log(seen, soft.landmarks, growing_map.WIDE * float(log.ranges.max()))
+    chain = free_chain(seen, soft.landmarks)
     doubted = chain_solver.solve(
         chain, soft.poses, soft.landmarks, losses.LOSSES["huber"], chain_solver.CERES
     )

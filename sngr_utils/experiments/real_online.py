@@ -20,7 +20,7 @@ from sngr_utils.online.diagnosis import DoubtWarning
 from sngr_utils.robust import growing_map
 from sngr_utils.robust.association import NEGLIGIBLE
 from sngr_utils.settings import READING
-from sngr_utils.slam import chain_problem, chain_solver
+from sngr_utils.slam import chain_problem, chain_solver, missed_steps
 from sngr_utils.slam.conventions import PRESETS
 from sngr_utils.slam.landmark_starts import start_landmarks
 from sngr_utils.slam.noise_estimation import step_covariances
@@ -154,12 +154,13 @@ def judged(found: estimator.OnlineEstimate, log: Log, truth: Truth) -> dict:
     sources = truth.source_of[: len(used)]
     right = used & (found.used == sources)
     final, heard = real_data.path_errors(log, truth, found.poses), np.unique(log.pose_of)
-    chain = chain_problem.of_log(log, found.landmarks, growing_map.WIDE * float(log.ranges.max()))
+    chain = real_data.free_chain(log, found.landmarks)
     chain = chain_problem.weighted(
         chain, np.eye(log.n_landmarks + 1)[found.used][:, :-1], 1.0, NEGLIGIBLE
     )
     at = chain_solver.state_of(chain, found.poses, found.landmarks)
     at = at._replace(calibration=found.calibration)
+    missed = missed_steps.find(chain, at)
     oracle = real_data.least_squares(real_data.told_truly(log, truth), found.poses, found.landmarks)
     return {
         "final": final["rmse"],
@@ -168,7 +169,8 @@ def judged(found: estimator.OnlineEstimate, log: Log, truth: Truth) -> dict:
         "graph": real_data.heard_rmse(log, truth, found.graph_poses),
         "filtered": real_data.heard_rmse(log, truth, found.filtered),
         "oracle": real_data.heard_rmse(log, truth, oracle.poses),
-        "nees": real_data.aligned_nees(chain, at, found.position_covariances, heard, truth),
+        "nees": real_data.aligned_nees(chain, at, found.position_covariances, missed, heard, truth),
+        "missed_steps": len(missed.poses),
         "used": float(used.mean()),
         "right": float(right.sum() / max(used.sum(), 1)),  # of use where labels tell radios apart
         "recall": float(right.sum() / np.count_nonzero(sources != NO_LABEL)),

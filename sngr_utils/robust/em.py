@@ -19,7 +19,13 @@ from sngr_utils.robust.association import (
     sources,
     updated,
 )
-from sngr_utils.slam import chain_problem, chain_solver, information, landmark_starts
+from sngr_utils.slam import (
+    chain_problem,
+    chain_solver,
+    information,
+    landmark_starts,
+    missed_steps,
+)
 from sngr_utils.slam.chain_cost import State
 from sngr_utils.slam.chain_problem import Chain
 from sngr_utils.slam.conventions import Conventions
@@ -62,9 +68,22 @@ class SoftEstimate:
     @cached_property
     def position_covariances(self) -> np.ndarray:
         """(T, 2, 2) in the world frame, [m^2], with what the associations leave open"""
-        at = chain_solver.state_of(self.chain, self.poses, self.landmarks)
-        at = at._replace(calibration=self.calibration)
-        return louis_covariance.position_covariances(self.chain, at, self.weights)
+        return louis_covariance.position_covariances(self.chain, self._at(self.chain), self.weights)
+
+    @property
+    def minimum(self) -> tuple[Chain, State]:
+        """The problem with weighted ranges whose minimum this is, and the minimum."""
+        chain = chain_problem.weighted(self.chain, self.responsibilities, 1.0, NEGLIGIBLE)
+        return chain, self._at(chain)
+
+    @cached_property
+    def missed(self) -> missed_steps.Missed:
+        """Steps of the odometry that err by more than their noise, on which no covariance counts"""
+        return missed_steps.find(*self.minimum)
+
+    def _at(self, chain: Chain) -> State:
+        at = chain_solver.state_of(chain, self.poses, self.landmarks)
+        return at._replace(calibration=self.calibration)
 
 
 def estimate(

@@ -57,6 +57,12 @@ class GrownMap:
     unexplained: float
     doubts: list[str]
 
+    @property
+    def calibration_sigmas(self) -> np.ndarray:
+        """Of those of range scale and offset [m] that are estimated, missed steps open."""
+        variances = np.diagonal(self.noise.estimate.calibration_covariance)
+        return np.sqrt(variances + np.sum(self.soft.missed.calibration**2, axis=0))
+
 
 def estimate(log: Log, progress: Callable[[float], None] = lambda share: None) -> GrownMap:
     """Poses, landmarks, noise and doubts of a log.

@@ -12,7 +12,11 @@ from sngr_utils.slam.range_loss import LEAST_SQUARES
 
 
 def aligned_covariances(
-    chain: Chain, at: chain_solver.State, covariances: np.ndarray, chosen: np.ndarray
+    chain: Chain,
+    at: chain_solver.State,
+    covariances: np.ndarray,
+    chosen: np.ndarray,
+    missed: np.ndarray,
 ) -> np.ndarray:
     """(N, 2, 2) covariance of the chosen positions once they are aligned, world frame, [m^2].
 
@@ -21,6 +25,7 @@ def aligned_covariances(
     chain, at : the problem and its minimum
     covariances : (T, 2, 2) of all positions before, world frame, [m^2]
     chosen : (N,) int, poses that are aligned
+    missed : (Q, T, 3) moves of the poses by what else is open, see `missed_steps`
     """
     places = at.frames[chosen, :2]
     arms = places - places.mean(axis=0)
@@ -43,9 +48,12 @@ def aligned_covariances(
         shared[:, :, j] = np.einsum("nij,nj->ni", to_world, steps[chosen, :2])
     rigid = np.einsum("nij,nik->jk", fitted, shared)
     crossed = shared @ moves.swapaxes(1, 2)
+    moved = to_world @ missed[:, chosen, :2, None]
+    moved -= moves @ np.einsum("nij,qnik->qjk", fitted, moved)[:, None]
     return (
         covariances[chosen]
         - crossed
         - crossed.swapaxes(1, 2)
         + moves @ rigid @ moves.swapaxes(1, 2)
+        + np.einsum("qnik,qnjk->nij", moved, moved)
     )

@@ -204,7 +204,7 @@ class Likelihood:
         """
         found, chain = self.solve(sigmas), self._chain(sigmas)
         information = chain.step_information
-        residuals, spread = _steps(self.log.odometry, found)
+        residuals, spread = steps(self.log.odometry, found)
         pull = np.einsum("tij,tj->ti", information, residuals)
         share = information - information @ spread @ information
         variances = np.exp(2 * sigmas[:-1])
@@ -239,23 +239,29 @@ class Likelihood:
         )
 
 
-def _steps(odometry: np.ndarray, found: chain_solver.Estimate) -> tuple[np.ndarray, np.ndarray]:
+def steps(odometry: np.ndarray, found: chain_solver.Estimate) -> tuple[np.ndarray, np.ndarray]:
     """(T-1, 3) residuals of the odometry, and (T-1, 3, 3) how far the estimate leaves them open.
 
     In the frame of the end of a step.
     """
     motion = relative_motion(found.poses)
-    x, y, turn = motion.T
-    cos, sin = np.cos(turn), np.sin(turn)
-    back = np.zeros((len(motion), 3, 3))  # how the end moves with the beginning
-    back[:, 0, 0], back[:, 0, 1], back[:, 1, 0], back[:, 1, 1] = cos, sin, -sin, cos
-    back[:, 0, 2], back[:, 1, 2], back[:, 2, 2] = sin * x - cos * y, cos * x + sin * y, 1.0
-    blocks = found.covariance
+    back, blocks = carried(motion), found.covariance
     cross = back @ blocks.first
     spread = back @ blocks.poses[:-1] @ back.swapaxes(1, 2) + blocks.poses[1:]
     dx, dy, turned = (motion - odometry).T
+    cos, sin = np.cos(motion[:, 2]), np.sin(motion[:, 2])
     residuals = [cos * dx + sin * dy, -sin * dx + cos * dy, wrap_angle(turned)]
     return np.stack(residuals, axis=1), spread - cross - cross.swapaxes(1, 2)
+
+
+def carried(motion: np.ndarray) -> np.ndarray:
+    """(T-1, 3, 3) how the end of each step moves with its beginning, each in its own frame."""
+    x, y, turn = motion.T
+    cos, sin = np.cos(turn), np.sin(turn)
+    back = np.zeros((len(motion), 3, 3))
+    back[:, 0, 0], back[:, 0, 1], back[:, 1, 0], back[:, 1, 1] = cos, sin, -sin, cos
+    back[:, 0, 2], back[:, 1, 2], back[:, 2, 2] = sin * x - cos * y, cos * x + sin * y, 1.0
+    return back
 
 
 def _by_priors(chain: Chain, found: chain_solver.Estimate) -> float:
