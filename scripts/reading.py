@@ -66,15 +66,12 @@ def table_of(text: str) -> list[list[str]]:
     return [row for row in rows if row]
 
 
-def report(
-    loads: dict[str, Load], minutes: dict[str, float], tables: dict[str, int]
-) -> tuple[str, list[str]]:
+def report(loads: dict[str, Load], minutes: dict[str, float]) -> tuple[str, list[str]]:
     """The table for all notebooks, and a sentence for each limit that is exceeded.
 
     Parameters
     ----------
     minutes : limit by notebook, and "all"
-    tables : how many may be large or unmarked, by notebook; none if it is not named
     """
     lines = [f"{'':25}  words  tables  large  unmarked  numbers  minutes  limit"]
     whole = Load(*(sum(getattr(load, name) for load in loads.values())
@@ -87,7 +84,7 @@ def report(
         )
         if load.minutes > minutes.get(name, 0):
             faults.append(f"{name}: {load.minutes:.1f} minutes, {minutes.get(name, 0):g} allowed")
-        if name in loads and load.large + load.unmarked > tables.get(name, 0):
+        if name in loads and load.large + load.unmarked:
             faults.append(f"{name}: {load.large} tables are large, {load.unmarked} without a mark")
     return "\n".join(lines), faults
 
@@ -99,7 +96,7 @@ def main() -> int:
         path.stem: load_of(json.loads(path.read_text(encoding="utf-8")))
         for path in sorted((ROOT / "notebooks").glob("*.ipynb"))
     }
-    table, faults = report(loads, **project["tool"]["reading"])
+    table, faults = report(loads, project["tool"]["reading"]["minutes"])
     print(table)
     for fault in faults:
         print(f"reading of {fault}", file=sys.stderr)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sngr_utils.numerics.jit import compile_once
+from sngr_utils.world import checks
 
 MAX_STEPS = 200
 SAME = 0.1  # places nearer than this share of the best range's standard deviation are one
@@ -136,22 +137,14 @@ def trajectory_line(positions):
 
 def _checked(positions, ranges, variances, landmark) -> list[np.ndarray]:
     """The arguments as float arrays of one layout, so that the refit compiles once."""
-    n = len(ranges)
-    given = {
-        "positions": (positions, (n, 2)), "ranges": (ranges, (n,)),
-        "variances": (variances, (n,)), "landmark": (landmark, (2,)),
-    }  # fmt: skip
-    arrays = []
-    for name, (value, shape) in given.items():
-        array = np.array(value, dtype=float, order="C")
-        if n == 0 or array.shape != shape:
-            raise ValueError(f"{name} has shape {array.shape}: it must be {shape}, n at least 1")
-        if not np.isfinite(array).all():
-            raise ValueError(f"{name} must be finite")
-        arrays.append(array)
-    if not (arrays[2] > 0).all():
-        raise ValueError(f"variances must be positive: the smallest is {arrays[2].min()}")
-    return arrays
+    if not (n := checks.count("ranges", ranges)):
+        raise ValueError("ranges is empty: a landmark needs one at least")
+    return [
+        checks.finite("positions", positions, (n, 2)),
+        checks.finite("ranges", ranges, (n,)),
+        checks.positive("variances", variances, (n,)),
+        checks.finite("landmark", landmark, (2,)),
+    ]
 
 
 @compile_once

@@ -118,13 +118,8 @@ def _works(the_world: World, conventions: Conventions) -> dict[str, Callable[[],
 
 def selected_inverse_at_truth(the_world: World, conventions: Conventions) -> np.ndarray:
     """(T-2, 9, 9) window marginals of the whole graph, linearised at the truth."""
-    s = the_world.scenario
-    return selected_inverse.selected_inverse(
-        the_world.poses, the_world.landmarks, the_world.odometry, the_world.pose_of,
-        the_world.label_of, x0_mean=the_world.x0_mean, x0_sigmas=conventions.x0_sigmas,
-        odometry_sigmas=s.odometry_sigmas,
-        landmark_prior_sigma=conventions.landmark_prior_sigma, range_sigma=s.range_sigma,
-    ).windows  # fmt: skip
+    places = the_world.poses, the_world.landmarks
+    return selected_inverse.covariance_at(*places, the_world, conventions).windows
 
 
 def _solution_at_truth(the_world: World, conventions: Conventions) -> Solution:

@@ -151,14 +151,9 @@ def _window_score(scenario: Scenario, seed: int, n: int, landmarks: np.ndarray) 
     if n < windows.WIDTH:
         return float("nan")
     part = clean_world(scenario, seed).first(n)
-    return trigger.score(
-        selected_inverse.selected_inverse(
-            dead_reckoning.dead_reckoning(part.x0_mean, part.odometry), landmarks, part.odometry,
-            part.pose_of, part.label_of, x0_mean=part.x0_mean, x0_sigmas=PRESET.x0_sigmas,
-            odometry_sigmas=scenario.odometry_sigmas,
-            landmark_prior_sigma=PRESET.landmark_prior_sigma, range_sigma=scenario.range_sigma,
-        ).windows[-1]
-    )  # fmt: skip
+    poses = dead_reckoning.dead_reckoning(part.x0_mean, part.odometry)
+    covariance = selected_inverse.covariance_at(poses, landmarks, part, PRESET)
+    return trigger.score(covariance.windows[-1])
 
 
 def landmark_triggers(found: pd.DataFrame, tau: float, gap_limit: float) -> dict:

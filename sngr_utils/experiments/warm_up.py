@@ -15,7 +15,7 @@ from sngr_utils.sampling import engines
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.targets import compiled
 from sngr_utils.slam import chain_problem, chain_solver, conventions
-from sngr_utils.slam.selected_inverse import covariance_at, selected_inverse
+from sngr_utils.slam.selected_inverse import covariance_at
 from sngr_utils.world import scenario, simulation
 
 
@@ -50,11 +50,6 @@ def compile_estimators() -> None:
         _estimate(method)
     louis_covariance.times(np.ones((1, 3, 3)), np.ones((1, 3, 5)), np.eye(5), np.ones((5, 1)))
     one_range.kernels(np.zeros(1), scenario.Scenario())
-    selected_inverse(
-        np.zeros((3, 3)), np.zeros((1, 2)), np.zeros((2, 3)), np.zeros(1, int), np.zeros(1, int),
-        x0_mean=np.zeros(3), x0_sigmas=np.ones(3), odometry_sigmas=np.ones(3),
-        landmark_prior_sigma=1.0, range_sigma=1.0,
-    )  # fmt: skip
     at = _small().poses, places
     covariance = covariance_at(*at, _small(), conventions.PRESETS["C"])
     leverage.chi_square(_small(), *at, covariance)

@@ -52,26 +52,22 @@ def _pose(found: graph.Graph, line: Line, fields: list[str]) -> None:
     found.add("poses", graph.name_of(line, fields[1]), line, time, np.array(at))
 
 
-def _pose_prior(found: graph.Graph, line: Line, fields: list[str]) -> None:
-    mean = line.numbers([fields[0], *fields[2:5]])[1:]
-    name = graph.name_of(line, fields[1])
-    found.add("pose_priors", name, line, mean, _covariance(line, fields[5:], 3))
-
-
 def _landmark(found: graph.Graph, line: Line, fields: list[str]) -> None:
     found.add("landmarks", graph.name_of(line, fields[0]), line, line.numbers(fields[1:]))
 
 
-def _landmark_prior(found: graph.Graph, line: Line, fields: list[str]) -> None:
-    mean = line.numbers([fields[0], *fields[2:4]])[1:]
-    name = graph.name_of(line, fields[1])
-    found.add("landmark_priors", name, line, mean, _covariance(line, fields[4:], 2))
+def _gaussian(kind: str, n: int, d: int) -> Callable:
+    """What takes a line of n names, d numbers and their covariance: a prior, or a step."""
 
+    def take(found: graph.Graph, line: Line, fields: list[str]) -> None:
+        names = tuple(graph.name_of(line, name) for name in fields[1 : n + 1])
+        mean = line.numbers([fields[0], *fields[n + 1 : n + 1 + d]])[1:]
+        upper = np.zeros((d, d))
+        upper[np.triu_indices(d)] = line.numbers(fields[n + 1 + d :], checks.LARGEST**2)
+        covariance = graph.covariance_of(line, upper + np.triu(upper, 1).T)
+        found.add(kind, names if n > 1 else names[0], line, mean, covariance)
 
-def _step(found: graph.Graph, line: Line, fields: list[str]) -> None:
-    motion = line.numbers([fields[0], *fields[3:6]])[1:]
-    pair = graph.name_of(line, fields[1]), graph.name_of(line, fields[2])
-    found.add("steps", pair, line, motion, _covariance(line, fields[6:], 3))
+    return take
 
 
 def _range(found: graph.Graph, line: Line, fields: list[str]) -> None:
@@ -84,18 +80,12 @@ def _range(found: graph.Graph, line: Line, fields: list[str]) -> None:
 
 KINDS: dict[str, tuple[int, Callable]] = {
     "VERTEX_SE2": (5, _pose),
-    "VERTEX_SE2:PRIOR": (11, _pose_prior),
+    "VERTEX_SE2:PRIOR": (11, _gaussian("pose_priors", 1, 3)),
     "VERTEX_XY": (3, _landmark),
-    "VERTEX_XY:PRIOR": (7, _landmark_prior),
-    "EDGE_SE2": (12, _step),
+    "VERTEX_XY:PRIOR": (7, _gaussian("landmark_priors", 1, 2)),
+    "EDGE_SE2": (12, _gaussian("steps", 2, 3)),
     "EDGE_RANGE": (5, _range),
 }
-
-
-def _covariance(line: Line, upper: list[str], n: int) -> np.ndarray:
-    matrix = np.zeros((n, n))
-    matrix[np.triu_indices(n)] = line.numbers(upper, checks.LARGEST**2)
-    return graph.covariance_of(line, matrix + np.triu(matrix, 1).T)
 
 
 def write(path: Path, log: Log, poses: np.ndarray, landmarks: np.ndarray) -> None:

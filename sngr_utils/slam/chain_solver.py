@@ -19,6 +19,7 @@ from sngr_utils.slam.chain_problem import Chain
 from sngr_utils.slam.information import System
 from sngr_utils.slam.range_loss import Loss
 from sngr_utils.slam.selected_inverse import ChainCovariance, conclude, eliminate_poses
+from sngr_utils.world import checks
 
 EPSILON = 2.0**-52
 FIDELITY = 1e-3  # of the decrease that the linearised cost promises, a step must keep so much
@@ -184,17 +185,11 @@ def state_of(chain: Chain, poses: np.ndarray, landmarks: np.ndarray) -> State:
     ------
     ValueError : as `solve`
     """
-    poses, landmarks = (np.array(a, dtype=float, order="C") for a in (poses, landmarks))
-    for name, array, shape in (
-        ("poses", poses, (len(chain.motions) + 1, 3)),
-        ("landmarks", landmarks, chain.landmark_means.shape),
-    ):
-        if array.shape != shape:
-            raise ValueError(f"{name} has shape {array.shape}: it must be {shape}")
-    if not np.isfinite(poses).all():
-        raise ValueError(f"poses[{np.argwhere(~np.isfinite(poses))[0, 0]}] must be finite")
-    finite, absent = np.isfinite(landmarks).all(axis=1), np.isnan(landmarks).all(axis=1)
-    if not (finite | absent).all():
-        raise ValueError(f"landmarks[{np.argmin(finite | absent)}] must be finite, or NaN")
+    poses = checks.finite("poses", poses, (len(chain.motions) + 1, 3))
+    landmarks = checks.floats("landmarks", landmarks, chain.landmark_means.shape)
+    known = np.isfinite(landmarks).all(axis=1) | np.isnan(landmarks).all(axis=1)
+    checks.refuse(
+        "landmarks", landmarks, ~known, "it must be finite, or NaN for one that is absent"
+    )
     frames, calibration = information.frames_of(poses), chain.calibration_means.copy()
     return State(frames, landmarks, calibration, np.zeros(len(chain.ranges)))

@@ -19,7 +19,6 @@ from sngr_utils.numerics.linalg import invert
 
 # rad, up to which the derivative of the logarithm is a first-order series: GTSAM's, and the exact
 SMALL_ANGLE, TINY_ANGLE = 1e-5, 1e-8
-NOT_ESTIMATED = np.array([-1, -1])  # columns of a range scale and offset that are known
 SMALL_RANGE = 1e-10  # m, up to it GTSAM takes (1, 1) for the direction to a landmark
 
 

@@ -8,15 +8,16 @@ the covariance blocks that the windows need, and nothing else. Time is O(T K^2),
 Covariances follow GTSAM: a pose's tangent [x, y, theta] is in its own body frame.
 """
 
+import warnings
 from dataclasses import dataclass
 
 import gtsam
 import numpy as np
 
 from sngr_utils.numerics.linalg import invert
+from sngr_utils.slam.chain_problem import of_log
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.information import (
-    NOT_ESTIMATED,
     System,
     add_odometry,
     add_ranges,
@@ -26,6 +27,8 @@ from sngr_utils.slam.information import (
     substitute,
 )
 from sngr_utils.slam.solution import Solution
+from sngr_utils.world import checks
+from sngr_utils.world.log import LogWarning
 from sngr_utils.world.simulation import World
 
 UNDETERMINED = 1e12  # times its variance if all others were known: a variable that is left open
@@ -63,75 +66,6 @@ class ChainCovariance:
             joint[:, row : row + 3, column : column + 3] = block
             joint[:, column : column + 3, row : row + 3] = block.transpose(0, 2, 1)
         return joint
-
-
-def selected_inverse(
-    poses: np.ndarray,
-    landmarks: np.ndarray,
-    odometry: np.ndarray,
-    pose_of: np.ndarray,
-    label_of: np.ndarray,
-    *,
-    x0_mean: np.ndarray,
-    x0_sigmas: np.ndarray,
-    odometry_sigmas: np.ndarray,
-    landmark_prior_sigma: float,
-    range_sigma: float,
-) -> ChainCovariance:
-    """Covariance blocks of a chain of poses and its landmarks, linearised at the poses given.
-
-    Parameters
-    ----------
-    poses : (T, 3) linearisation point, T >= 3, [m, m, rad]
-    landmarks : (K, 2), [m]; a NaN row is a landmark absent from the graph, with all its ranges
-    odometry : (T-1, 3) measured motion in the body frame of t, [m, m, rad]
-    pose_of, label_of : (M,) int, pose and landmark that each range joins
-    x0_mean : (3,) mean of the prior on pose 0, [m, m, rad]
-    x0_sigmas : (3,) per component, [m, m, rad]
-    odometry_sigmas : (3,) of all steps, or (T-1, 3), [m, m, rad]
-    landmark_prior_sigma, range_sigma : [m]
-
-    Raises
-    ------
-    ValueError : shapes or indices that do not fit each other, a sigma that is not positive, or
-        a linearisation point that is not finite
-
-    Source: the two passes are those of Rauch, Tung, Striebel, AIAA Journal 3, 1965, for a state
-    with constant parameters; selected inversion in general: Takahashi, Fagan, Chen, 1973.
-    """
-    poses, landmarks, odometry, x0_mean, x0_sigmas, odometry_sigmas = (
-        np.array(a, dtype=float, order="C")  # a copy: one layout, so numba compiles once
-        for a in (poses, landmarks, odometry, x0_mean, x0_sigmas, odometry_sigmas)
-    )
-    pose_of, label_of = (np.array(a, dtype=np.int64, order="C") for a in (pose_of, label_of))
-    n_poses, n_landmarks = len(poses), len(landmarks)
-    if odometry_sigmas.ndim == 1:
-        odometry_sigmas = np.tile(odometry_sigmas, (n_poses - 1, 1))
-    _check_shapes({
-        "poses": (poses, (max(n_poses, 3), 3)),
-        "landmarks": (landmarks, (n_landmarks, 2)),
-        "odometry": (odometry, (n_poses - 1, 3)),
-        "label_of": (label_of, pose_of.shape),
-        "x0_mean": (x0_mean, (3,)),
-        "x0_sigmas": (x0_sigmas, (3,)),
-        "odometry_sigmas": (odometry_sigmas, (n_poses - 1, 3)),
-    })
-    sigmas = [*x0_sigmas, *odometry_sigmas.ravel(), landmark_prior_sigma, range_sigma]
-    _check_values(
-        poses,
-        odometry,
-        {"pose_of": (pose_of, n_poses), "label_of": (label_of, n_landmarks)},
-        sigmas,
-    )
-    system = empty_system(n_poses, landmarks.size)
-    system.front[3:, 3:] = np.eye(landmarks.size) / landmark_prior_sigma**2
-    frames, prior, motions = frames_of(poses), frames_of(x0_mean[None]), frames_of(odometry)
-    steps = odometry_sigmas[:, :, None] ** -2 * np.eye(3)
-    add_odometry(frames, prior, np.diag(x0_sigmas**-2), motions, steps, False, system)
-    weights = np.full(len(pose_of), range_sigma**-2)
-    residuals = np.zeros(len(pose_of))  # of no effect: nobody asks for the gradient
-    add_ranges(frames, landmarks, 1.0, NOT_ESTIMATED, pose_of, label_of, weights, residuals, system)
-    return conclude(system, eliminate_poses(system, n_landmarks), landmarks)
 
 
 def eliminate_poses(system: System, n_landmarks: int) -> np.ndarray:
@@ -177,24 +111,6 @@ def conclude(system: System, joint: np.ndarray, landmarks: np.ndarray) -> ChainC
     return ChainCovariance(system.own, system.rest[:-1, :, :3], second, to_landmarks, joint)
 
 
-def _check_shapes(arrays: dict[str, tuple[np.ndarray, tuple[int, ...]]]) -> None:
-    """Refuse arrays that the compiled code would read out of bounds."""
-    for name, (array, shape) in arrays.items():
-        if array.shape != shape:
-            raise ValueError(f"{name} has shape {array.shape}: it must be {shape}")
-
-
-def _check_values(poses, odometry, indices, sigmas) -> None:
-    """Refuse indices out of bounds, and what makes a covariance NaN."""
-    for name, (index, count) in indices.items():
-        if len(index) and not (index.min() >= 0 and index.max() < count):
-            raise ValueError(f"{name} holds an index outside 0 ... {count - 1}")
-    if not all(0 < sigma < np.inf for sigma in sigmas):
-        raise ValueError(f"sigmas are {sigmas}: each must be positive and finite")
-    if not (np.isfinite(poses).all() and np.isfinite(odometry).all()):
-        raise ValueError("poses and odometry must be finite")
-
-
 def covariance(solution: Solution, world: World, conventions: Conventions) -> ChainCovariance:
     """Covariance blocks of a solution, linearised at its estimate as GTSAM's marginals are.
 
@@ -224,21 +140,34 @@ def covariance_at(
 
     Parameters
     ----------
-    poses, landmarks : (T, 3) and (K, 2), [m, m, rad] and [m]; NaN for an absent landmark
+    poses, landmarks : (T, 3) and (K, 2), [m, m, rad] and [m]; NaN for a landmark that is absent
+        from the graph, with all its ranges
+
+    Raises
+    ------
+    ValueError : poses that are not finite, shapes that do not fit, or what no `Log` may have
+
+    Source: the two passes are those of Rauch, Tung, Striebel, AIAA Journal 3, 1965, for a state
+    with constant parameters; selected inversion in general: Takahashi, Fagan, Chen, 1973.
     """
-    s = world.scenario
-    return selected_inverse(
-        poses,
-        landmarks,
-        world.odometry,
-        world.pose_of,
-        world.label_of,
-        x0_mean=world.x0_mean,
-        x0_sigmas=conventions.x0_sigmas,
-        odometry_sigmas=s.odometry_sigmas,
-        landmark_prior_sigma=conventions.landmark_prior_sigma,
-        range_sigma=s.range_sigma,
-    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LogWarning)  # a landmark may be absent
+        log = world.log(conventions.x0_sigmas)
+    frames = frames_of(checks.finite("poses", poses, (log.n_poses, 3)))
+    landmarks = checks.floats("landmarks", landmarks, (log.n_landmarks, 2))
+    chain = of_log(log, landmarks, conventions.landmark_prior_sigma)
+    system = empty_system(log.n_poses, landmarks.size)
+    system.front[3:, 3:] = np.eye(landmarks.size) / conventions.landmark_prior_sigma**2
+    add_odometry(
+        frames, chain.prior, chain.prior_information, chain.motions, chain.step_information,
+        False, system,
+    )  # fmt: skip
+    residuals = np.zeros(len(chain.ranges))  # of no effect: nobody asks for the gradient
+    add_ranges(
+        frames, landmarks, 1.0, chain.columns, chain.pose_of, chain.landmark_of,
+        chain.sigmas**-2, residuals, system,
+    )  # fmt: skip
+    return conclude(system, eliminate_poses(system, len(landmarks)), landmarks)
 
 
 def window_covariances(solution: Solution, world: World, conventions: Conventions) -> np.ndarray:

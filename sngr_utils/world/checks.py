@@ -38,7 +38,7 @@ def numbers(name: str, value) -> np.ndarray:
         entry = "masked" if np.ma.is_masked(value) else shown(array[first])
         row = f"[{first[0]}]" if first else ""
         raise ValueError(f"{name}{row} is {entry}: it must be a real number")
-    return array.astype(float) if array.size else np.empty(array.shape)
+    return array.astype(float, order="C") if array.size else np.empty(array.shape)
 
 
 def _no_number(entry) -> bool:

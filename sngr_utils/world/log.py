@@ -205,7 +205,8 @@ def _poses(log: Log) -> dict:
     steps = checks.count("odometry", log.odometry)
     name, shape = "odometry_covariances", (steps, 3, 3)
     covariances = checks.finite(name, log.odometry_covariances, shape, True, checks.LARGEST**2)
-    checks.refuse(name, covariances, ~checks.proper(covariances), checks.PROPER)
+    each = covariances[:1] if np.ndim(log.odometry_covariances) == 2 else covariances
+    checks.refuse(name, each, ~checks.proper(each), checks.PROPER)
     times = np.arange(steps + 1.0) if log.times is None else log.times
     times = checks.finite("times", times, (steps + 1,))
     back = np.append(False, np.diff(times) < 0)

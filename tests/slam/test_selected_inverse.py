@@ -216,29 +216,18 @@ def test_isam2_has_the_covariances_of_its_own_linearisation_points(noisy, preset
 
 def test_what_does_not_fit_is_refused(noisy):
     drawn, settings = noisy.world, PRESETS["B"]
-    good = {
-        "poses": noisy.solution.poses, "landmarks": noisy.solution.landmarks,
-        "odometry": drawn.odometry, "pose_of": drawn.pose_of, "label_of": drawn.label_of,
-        "x0_mean": drawn.x0_mean, "x0_sigmas": [0.1] * 3, "odometry_sigmas": [0.1] * 3,
-        "landmark_prior_sigma": 1.0, "range_sigma": 0.1,
-    }  # fmt: skip
-    assert np.isfinite(selected_inverse.selected_inverse(**good).windows).all()
+    good = {"poses": drawn.poses, "landmarks": drawn.landmarks, "world": drawn}
     lost = drawn.poses.copy()
     lost[3, 1] = np.nan
     for name, value, message in (
         ("poses", drawn.poses[:2], "poses has shape"),
+        ("landmarks", drawn.landmarks[1:], "landmarks has shape"),
         ("poses", lost, "must be finite"),
-        ("odometry", drawn.odometry[1:], "odometry has shape"),
-        ("x0_mean", drawn.poses[0, :2], "x0_mean has shape"),
-        ("odometry_sigmas", [0.1] * 2, "odometry_sigmas has shape"),
-        ("label_of", drawn.label_of + 1, "label_of holds"),
-        ("pose_of", drawn.pose_of - 1, "pose_of holds"),
-        ("label_of", drawn.label_of[1:], "label_of has shape"),
-        ("x0_sigmas", [0.1, 0.0, 0.1], "sigmas"),
-        ("range_sigma", np.nan, "sigmas"),
+        ("world", dataclasses.replace(drawn, label_of=drawn.label_of + 1), r"label_of\[\d+\]"),
+        ("world", dataclasses.replace(drawn, pose_of=drawn.pose_of - 1), r"pose_of\[0\]"),
     ):
         with pytest.raises(ValueError, match=message):
-            selected_inverse.selected_inverse(**{**good, name: value})
+            selected_inverse.covariance_at(**{**good, name: value}, conventions=settings)
     other = simulated(29, 6, 0.3, 0)
     with pytest.raises(ValueError, match="factors"):
         selected_inverse.covariance(noisy.solution, other, settings)
