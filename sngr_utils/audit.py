@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from sngr_utils.sampling.weighted_samples import WeightedSamples
 
 NOOP_P = 0.3  # where the paper prints the mean log weight of its no-op sampler
+PRINTED = (0.0, 0.1, 0.2, 0.3, 0.4)  # levels of the paper's table "baseline"
 ROBUST = (
     "dead_reckoning", "least_squares", "huber", "cauchy", "dcs", "geman_mcclure", "gnc_tls",
     "oracle",
@@ -65,6 +66,9 @@ class Config(ManyWorlds):
             raise ValueError(f"p_refined is {self.p_refined}: all must be among p_levels")
         if not set(self.p_corrected) <= set(self.p_refined):
             raise ValueError(f"p_corrected is {self.p_corrected}: all must be among p_refined")
+        if min(self.p_levels) not in PRINTED or max(self.p_refined) not in PRINTED[1:]:
+            rule = f"the least, and the largest of p_refined, must be printed: of {PRINTED}"
+            raise ValueError(f"p_levels is {self.p_levels}, p_refined {self.p_refined}: {rule}")
         if self.n_corrected > self.n_seeds:
             raise ValueError(f"n_corrected is {self.n_corrected}: there are {self.n_seeds} worlds")
         return self

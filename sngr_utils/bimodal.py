@@ -7,10 +7,10 @@ imported by the functions that need it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from sngr_utils.metrics import bimodality, standard_error
 from sngr_utils.sampling.settings import SamplerSettings
@@ -29,6 +29,21 @@ class Config(TwoAnchors, SamplerSettings):
     prior_scale: Positive = 50.0
     n_repeats: Annotated[int, Field(ge=2)] = 20
     seed: Seed = 0
+
+    @model_validator(mode="after")
+    def _places_are_likely(self) -> Self:
+        gain = -float(self.profile(np.zeros(1), self.likelihood_factor)[0])
+        if gain < 0.01:
+            raise ValueError(
+                f"range_sigma is {self.range_sigma}: the two places are likelier than the point "
+                f"between them by {gain:.2g} nats: it must be 0.01 or more"
+            )
+        if self.modes[0, 1] > 10 * self.landmark_prior_sigma:
+            raise ValueError(
+                f"landmark_prior_sigma is {self.landmark_prior_sigma}: the two places lie more "
+                f"than ten of it away, at {self.modes[0, 1]:.3g} m"
+            )
+        return self
 
 
 @dataclass(frozen=True)

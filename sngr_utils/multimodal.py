@@ -44,7 +44,7 @@ class Config(ManyWorlds):
     poses_sampled: Counts = [2, 3, 8]
     n_sampled: Annotated[int, Field(ge=2)] = 4
     p: Probability = 0.4
-    weak: Positive = 10.0
+    weak: Annotated[float, Field(ge=0.01, le=100)] = 10.0
     ranges_per_pose: Counts = [1, 2, 3, 6]
     kl_limit: Positive = 1.0
     gap_limit: Positive = 3.0

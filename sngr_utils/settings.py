@@ -11,7 +11,8 @@ def _distinct(values: list) -> list:
     return values
 
 
-Positive = Annotated[float, Field(gt=0)]
+# A length, an angle, a factor: far beyond any that is meant, near enough that squares are numbers.
+Positive = Annotated[float, Field(ge=1e-9, le=1e9)]
 Probability = Annotated[float, Field(ge=0, le=1)]
 Seed = Annotated[int, Field(ge=0, le=2**53)]
 Distinct = AfterValidator(_distinct)  # of a list: Annotated[list[Seed], Distinct]

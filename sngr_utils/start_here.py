@@ -6,13 +6,14 @@ The notebook computes in its own cells, with NumPy; this only draws the data.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from sngr_utils.settings import Checked, Positive, Seed
+from sngr_utils.settings import Checked, Seed
 
+Sigma = Annotated[float, Field(ge=1e-3, le=10)]  # m, of a scene of eight metres
 POSES = np.array([[0.0, 0.0], [2.0, 0.3], [4.0, 0.4], [6.0, 0.3], [8.0, 0.0]])  # m
 LANDMARKS = np.array([[1.0, 2.5], [7.0, 2.5]])  # m
 SEEN = [(0, 0), (1, 0), (2, 0), (2, 1), (3, 1), (4, 1)]  # which pose measures which landmark
@@ -28,12 +29,18 @@ class Config(Checked):
     """
 
     seed: Seed = 1
-    start_sigma: Positive = 0.05
-    odometry_sigma: Positive = 0.1
-    range_sigma: Positive = 0.2
-    prior_sigma: Positive = 2.0
+    start_sigma: Sigma = 0.05
+    odometry_sigma: Sigma = 0.1
+    range_sigma: Sigma = 0.2
+    prior_sigma: Sigma = 2.0
     grid_step: Annotated[float, Field(ge=0.005, le=0.2)] = 0.05
     wrong: Annotated[int, Field(ge=0, lt=len(SEEN))] = 5
+
+    @model_validator(mode="after")
+    def _grid_sees_the_guess(self) -> Self:
+        if self.prior_sigma < self.grid_step:
+            raise ValueError(f"prior_sigma is {self.prior_sigma}: the grid's step is longer")
+        return self
 
     def draw(self) -> Drive:
         """A drive with right labels."""

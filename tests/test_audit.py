@@ -177,3 +177,17 @@ def test_every_cell_that_decides_is_there():
     listed = YAML(typ="safe", pure=True).load(paths.CLAIMS)
     for entry in [*listed["numbers"], *listed["prose"]]:
         assert (entry["notebook"], entry["cell"]) in cells
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"p_levels": [0.05, 0.2, 0.3], "p_refined": [0.3], "p_corrected": [0.3]},
+        {"p_refined": [0.0], "p_corrected": [0.0]},  # nothing to refine, and no change to draw
+    ],
+)
+def test_levels_that_the_paper_does_not_print_are_refused(asked):
+    printed = tuple(report.printed_values()["baseline"])
+    assert printed == audit.PRINTED
+    with pytest.raises(ValueError, match=r"p_levels is .* must be printed"):
+        audit.Config(**asked)

@@ -142,9 +142,17 @@ def test_bimodal_tables_and_figures(bimodal_result, tmp_path):
 def test_circles_that_do_not_cross_are_refused():
     with pytest.raises(ValueError, match=r"measured_range is 1\.9"):
         bimodal.Config(measured_range=1.9)
-    bimodal.Config(range_sigma=9.9)  # the curvatures 2 (1 - z / rho) / sigma^2 and 1 / 10^2 balance
+    TwoAnchors(range_sigma=9.9)  # the curvatures 2 (1 - z / rho) / sigma^2 and 1 / 10^2 balance
     with pytest.raises(ValueError, match="landmark_prior_sigma"):  # at 10
-        bimodal.Config(range_sigma=10.1)
+        TwoAnchors(range_sigma=10.1)
+
+
+def test_places_that_no_sampler_finds_are_refused():
+    bimodal.Config(range_sigma=7.0)  # two ranges err by 1 m at the saddle: half of 1 / sigma^2
+    with pytest.raises(ValueError, match=r"range_sigma is 7\.1.*0.0099 nats"):
+        bimodal.Config(range_sigma=7.1)
+    with pytest.raises(ValueError, match=r"landmark_prior_sigma is 10\.0.*at 150 m"):
+        bimodal.Config(measured_range=150.0)
 
 
 def test_the_modes_are_those_the_printed_numbers_are_held_against():

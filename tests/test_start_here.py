@@ -187,3 +187,11 @@ def test_tables_figures_and_record(lesson, start, tmp_path):
     to.figure(fig, "all")
     to.save()
     assert (tmp_path / "x_all.pdf").exists()
+
+
+@pytest.mark.parametrize(
+    "asked", [{"range_sigma": 11.0}, {"start_sigma": 1e-4}, {"prior_sigma": 0.04}]
+)
+def test_what_the_cells_cannot_compute_is_refused_by_name(asked):
+    with pytest.raises(ValueError, match=next(iter(asked))):
+        start_here.Config(**asked)

@@ -5,7 +5,10 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from sngr_utils.settings import Checked, Positive, Seed
+from sngr_utils.settings import Checked, Seed
+
+Length = Annotated[float, Field(ge=0.01, le=1e4)]  # m
+Sigma = Annotated[float, Field(ge=1e-4, le=100)]  # m or rad
 
 MOST_POSES, MOST_LANDMARKS = 100_000, 1_000  # the information of more fits in no memory
 MOST_JOBS = 1_024
@@ -17,12 +20,12 @@ class Scenario(Checked):
     """The paper's scenario (section "Experimental set-up"); the defaults are its values."""
 
     n_poses: Annotated[int, Field(ge=3, le=MOST_POSES)] = 30
-    radius: Positive = 5.0  # m
+    radius: Length = 5.0  # m
     n_landmarks: Annotated[int, Field(ge=2, le=MOST_LANDMARKS)] = 6
-    landmark_half_width: Positive = 4.0  # m, landmarks are uniform in a square of twice this
-    odometry_sigma_xy: Positive = 0.05  # m per step
-    odometry_sigma_theta: Positive = 0.01  # rad per step
-    range_sigma: Positive = 0.1  # m
+    landmark_half_width: Length = 4.0  # m, landmarks are uniform in a square of twice this
+    odometry_sigma_xy: Sigma = 0.05  # m per step
+    odometry_sigma_theta: Sigma = 0.01  # rad per step
+    range_sigma: Sigma = 0.1  # m
 
     @property
     def odometry_sigmas(self) -> np.ndarray:

@@ -99,7 +99,7 @@ BOMB = "seed: &a0 [0]\n" + "".join(
     [
         ("range_sigma: 0.2", "range_sigm: 0.2", "unknown key 'range_sigm'.*did you mean"),
         ("range_sigma: 0.2", "", "key 'range_sigma' is missing"),
-        ("range_sigma: 0.2", "range_sigma: -0.2", "range_sigma is -0.2.*greater than 0"),
+        ("range_sigma: 0.2", "range_sigma: -0.2", "range_sigma is -0.2.*greater than"),
         ("range_sigma: 0.2", 'range_sigma: "high"', "range_sigma is 'high'.*valid number"),
         ("range_sigma: 0.2", "range_sigma: .nan", "range_sigma is nan.*finite"),
         ("range_sigma: 0.2", "range_sigma: true", "range_sigma is True"),

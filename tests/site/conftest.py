@@ -58,21 +58,9 @@ class Window:
         return self.page
 
 
-@pytest.fixture(params=["light", "dark"])
-def window(browser, request):
-    """A wide window under either colour scheme, in which nothing may go wrong."""
-    context = browser.new_context(
-        viewport={"width": 1300, "height": 900}, color_scheme=request.param
-    )
-    window = Window(context)
-    yield window
-    context.close()
-    assert not window.trouble
-
-
 @pytest.fixture
 def page(browser):
-    """A wide window for what does not depend on colours."""
+    """A wide window, in which nothing may go wrong."""
     context = browser.new_context(viewport={"width": 1300, "height": 900}, color_scheme="light")
     window = Window(context)
     yield window
