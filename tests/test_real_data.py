@@ -12,6 +12,7 @@ from sngr_utils import real_data
 from sngr_utils.experiments import real_data as real_experiments
 from sngr_utils.experiments import real_online, real_peers, real_stretch
 from sngr_utils.metrics import alignment
+from sngr_utils.online import estimator
 from sngr_utils.publish import report
 from sngr_utils.show import real_data as show
 from sngr_utils.world import simulation
@@ -125,7 +126,7 @@ def test_parameters_that_cannot_be_are_refused_by_name(bad):
 
 def test_tables_and_figures(small, tmp_path):
     world, log = small
-    found, seconds = real_stretch.drive(log, rng=np.random.default_rng(0))
+    found, seconds = real_stretch.drive(log, estimator.Settings(), rng=np.random.default_rng(0))
     places = world.poses[:, :2], world.landmarks
     stretch = real_stretch.Stretch(log, *places, world.source_of, found, seconds)
     driven = ONLINE[(ONLINE["kind"] == "labels") & (ONLINE["method"] == "online")]
@@ -136,7 +137,9 @@ def test_tables_and_figures(small, tmp_path):
     assert show.provoked_table(OURS, ONLINE).iloc[-1, 3] == "yes"
     assert len(show.goats_table(real_data.study("goats"))) == 2
     assert len(show.online_table(driven.query("p == 0.4"))) == 2
-    assert show.level_table(peers).iloc[0, 0] == "least squares"
+    table = show.peers_table(peers)
+    assert table.iloc[0, 0] == "least squares"
+    assert list(table)[-1] == "a pose [ms]"
     scales = [real_data.found_in(name) for name in real_data.OTHER]
     assert len(show.scale_table(scales, dict.fromkeys(real_data.OTHER, 1.07))) == 2
     fig, axes = plt.subplots(1, 6, figsize=(12, 2.5))
@@ -174,8 +177,17 @@ def test_a_row_of_the_online_study_has_the_oracle_beside(small, monkeypatch):
     assert row["filtered_beside"] < 1.5 * row["filtered_oracle"]
     assert row["final"] < 1.5 * row["oracle"]
     assert row["right"] == 1.0
+    assert 0 < row["step_ms"] <= row["step_ms_95"]
     (row,) = real_online.run("Plaza1", "labels", 0.0, 100, "online")
     assert np.isnan([row["filtered_oracle"], row["filtered_beside"]]).all()
+
+
+def test_the_gain_of_a_step_over_a_drive_is_that_of_its_median():
+    seconds = np.linspace(0.001, 0.003, 1001)
+    seconds[::50] = 1.0  # looks at all data
+    found = real_online.times_of(seconds)
+    assert found["step_ms"] == pytest.approx(2.0, abs=0.1)
+    assert found["step_ms_gain"] == pytest.approx(0.9 * 2.0, abs=0.1)
 
 
 def test_what_is_handed_online_leaves_scale_and_offset_open(small):

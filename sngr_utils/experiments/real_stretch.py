@@ -48,9 +48,11 @@ class Stretch:
     seconds: np.ndarray
 
 
-def drive(log: Log, *, rng: np.random.Generator) -> tuple[estimator.OnlineEstimate, np.ndarray]:
+def drive(
+    log: Log, settings: estimator.Settings, *, rng: np.random.Generator
+) -> tuple[estimator.OnlineEstimate, np.ndarray]:
     """The online estimator on a log, and (T-1,) the CPU time of each step, [s]."""
-    online = estimator.Online(log.first(1), PRESETS[READING], estimator.Settings(), rng=rng)
+    online = estimator.Online(log.first(1), PRESETS[READING], settings, rng=rng)
     clock = [time.thread_time()]
     for t in range(1, log.n_poses):
         online.step(log.measurements(t))

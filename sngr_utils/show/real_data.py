@@ -133,6 +133,13 @@ def level_table(rows: pd.DataFrame, column: str = "rmse", fmt: str = ".2f") -> p
     return pd.DataFrame(found, columns=["method", *heads])
 
 
+def peers_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Aligned RMSE of other people's estimators, see `level_table`, and CPU time by the pose."""
+    table = level_table(rows)
+    spent = rows.groupby("method", sort=False)["pose_ms"].median()
+    return table.assign(**{"a pose [ms]": [cells.number(value, ".1f") for value in spent]})
+
+
 def _heads(rows: pd.DataFrame) -> list[tuple[str, float]]:
     return [(name, p) for name in SETS for p in sorted(rows["p"].unique())]
 
@@ -148,7 +155,7 @@ def measures_table(batch: pd.DataFrame, online: pd.DataFrame) -> pd.DataFrame:
         "rmse": (".3f", "aligned RMSE [m]"), "over_oracle": (".2f", "over the oracle's"),
         "incremental": (".3f", "change in 10 m [m]"), "nees": (".1f", "NEES"),
         "precision": (".3f", "right"), "recall": (".3f", "of all"),
-        "share_wrong": (".2f", "p found"),
+        "share_wrong": (".2f", "p found"), "missed_steps": (".0f", "steps missed"),
     }  # fmt: skip
     rows = pd.concat([batch, online.rename(columns={"final": "rmse", "right": "precision"})])
     rows = rows.assign(over_oracle=rows["rmse"] / rows["oracle"])
@@ -196,17 +203,23 @@ def _error_and_doubt(rows: pd.DataFrame, key: str) -> list:
 
 
 def online_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Online: error at the end and while driving, there beside the oracle; medians over seeds."""
+    """Online: errors at the end and while driving, there beside the oracle; CPU time of a step.
+
+    Medians over seeds.
+    """
     columns = {
-        "final": "final [m]", "filtered_beside": "while driving [m]",
-        "filtered_oracle": "the oracle's [m]",
+        "final": (".3f", "final [m]"), "filtered_beside": (".3f", "while driving [m]"),
+        "filtered_oracle": (".3f", "the oracle's [m]"), "step_ms": (".1f", "step [ms]"),
+        "step_ms_95": (".0f", "95 % [ms]"), "step_ms_gain": ("+.1f", "over the drive [ms]"),
     }  # fmt: skip
     found = [
-        [name, len(mine), *(cells.number(float(mine[key].median()), ".3f") for key in columns),
+        [name, len(mine),
+         *(cells.number(float(mine[key].median()), fmt) for key, (fmt, _) in columns.items()),
          f"{int(mine['doubtful'].sum())} of {len(mine)}"]
         for name, mine in rows.groupby("set")
     ]  # fmt: skip
-    return pd.DataFrame(found, columns=["set", "seeds", *columns.values(), "doubtful"])
+    heads = [head for _, head in columns.values()]
+    return pd.DataFrame(found, columns=["set", "seeds", *heads, "doubtful"])
 
 
 def asked_table(rows: pd.DataFrame) -> pd.DataFrame:

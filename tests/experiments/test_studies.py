@@ -65,6 +65,15 @@ def test_a_sample_is_run_again_only_if_the_code_has_changed(toy, monkeypatch):
         check(toy)
 
 
+def test_times_of_a_machine_are_not_compared(toy, monkeypatch):
+    timed = replace(studies.STUDIES["toy"], times=("x",))
+    monkeypatch.setitem(studies.STUDIES, "toy", timed)
+    studies.run("toy", 1, **toy)
+    FACTOR["of x"] = 2.0
+    monkeypatch.setattr(row_store, "code_of", lambda task: "edited")
+    assert check(toy) == 6
+
+
 def test_few_cells_are_five_and_other_cells_are_refused(toy, monkeypatch):
     few = studies.Study(draw, [("nowhere", seed) for seed in range(7)])
     monkeypatch.setitem(studies.STUDIES, "toy", few)
