@@ -16,9 +16,9 @@ from sngr_utils.experiments import real_data
 from sngr_utils.files import plaza
 from sngr_utils.metrics.alignment import aligned_rmse
 from sngr_utils.online import calibration, estimator
-from sngr_utils.online.diagnosis import DoubtWarning
 from sngr_utils.robust import growing_map
 from sngr_utils.robust.association import NEGLIGIBLE
+from sngr_utils.robust.diagnosis import DoubtWarning
 from sngr_utils.settings import READING
 from sngr_utils.slam import chain_problem, chain_solver
 from sngr_utils.slam.conventions import PRESETS

@@ -15,18 +15,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sngr_utils.online import calibration, data_association, diagnosis, rivals, slips
+from sngr_utils.online import calibration, data_association, rivals, slips
 from sngr_utils.online.belief import LOOSE, PRIOR, WINDOW, Belief, cost
 from sngr_utils.online.data_association import DROPPED
-from sngr_utils.online.diagnosis import Diagnosis, DoubtWarning
 from sngr_utils.online.landmarks import (
     POSES_NEEDED,
     drop_landmarks,
     start_landmarks,
     turn_over,
 )
-from sngr_utils.robust import association, em, louis_covariance
+from sngr_utils.robust import association, diagnosis, em, louis_covariance
 from sngr_utils.robust.association import Shares
+from sngr_utils.robust.diagnosis import Diagnosis, DoubtWarning
 from sngr_utils.settings import Checked, Probability
 from sngr_utils.slam import chain_problem, chain_solver
 from sngr_utils.slam.conventions import Conventions

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sngr_utils.online import diagnosis, relocalisation, slips
+from sngr_utils.online import relocalisation, slips
 from sngr_utils.online.belief import TURNED, cost
-from sngr_utils.robust import em, growing_map
+from sngr_utils.robust import diagnosis, em, growing_map
 from sngr_utils.robust.em import SoftEstimate
 from sngr_utils.slam import landmark_starts
 from sngr_utils.world.dead_reckoning import dead_reckoning

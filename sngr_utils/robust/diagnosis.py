@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from sngr_utils.online.data_association import VAGUE
 from sngr_utils.robust import association
 from sngr_utils.robust.em import SoftEstimate
 from sngr_utils.world.dead_reckoning import relative_motion, wrap_angle
@@ -22,6 +21,7 @@ RUN = 3  # consecutive poses whose ranges are looked at together, and twice as m
 MOST_UNEXPLAINED = 0.5  # share of the ranges: the majority must be from a landmark
 RARE = 0.01  # p-value that is no chance
 POSSIBLE = 0.5  # and one that is worth a question
+VAGUE = 5.0  # range sigmas, of a prediction above which it cannot tell landmarks apart
 MOST_RESIDUAL = 1.6  # variance of ranges over what is told: a sigma that is told a fifth too small
 LEAST_RIVAL = np.log(100.0)  # nats: odds of a hundred to one
 

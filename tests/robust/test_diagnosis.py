@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sngr_utils.online import diagnosis
-from sngr_utils.robust import em
+from sngr_utils.robust import diagnosis, em
 from sngr_utils.slam import conventions
 from sngr_utils.world import scenario, simulation
 from sngr_utils.world.dead_reckoning import relative_motion
