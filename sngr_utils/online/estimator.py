@@ -24,7 +24,7 @@ from sngr_utils.online.landmarks import (
     start_landmarks,
     turn_over,
 )
-from sngr_utils.robust import association, diagnosis, em, louis_covariance
+from sngr_utils.robust import association, diagnosis, em, louis_covariance, mirrors
 from sngr_utils.robust.association import Shares
 from sngr_utils.robust.diagnosis import Diagnosis, DoubtWarning
 from sngr_utils.settings import Checked, Probability
@@ -357,11 +357,18 @@ class Online:
         best = min([ours, *others], key=lambda one: one.cost) if settings.restart else ours
         if best.cost > ours.cost - BETTER:
             best = ours
+        sides = rivals.on_other_sides(told, best, self._fit)
+        turned_over = min([best, *sides], key=lambda one: one.cost)
+        if settings.restart and turned_over.cost < best.cost - BETTER:
+            best = turned_over
         turned = belief.counts["landmarks turned over"]
         self._adopt(best.log, told, best.found)
+        for one in sides:
+            if one.cost < best.cost + diagnosis.LEAST_RIVAL:
+                belief.in_doubt |= mirrors.elsewhere(best.found, one.found)
         sure = ~belief.in_doubt
         different = [
-            one for one in (ours, *others) if rivals.differ(log, best.found, one.found, sure)
+            one for one in (ours, *others, *sides) if mirrors.differ(best.found, one.found, sure)
         ]
         belief.counts["batch restarts"] += any(one is ours for one in different)
         gap = min((one.cost for one in different), default=np.inf) - best.cost
