@@ -358,12 +358,12 @@ class Online:
         if best.cost > ours.cost - BETTER:
             best = ours
         sides = rivals.on_other_sides(told, best, self._fit)
-        turned_over = min([best, *sides], key=lambda one: one.cost)
-        if settings.restart and turned_over.cost < best.cost - BETTER:
-            best = turned_over
+        before, other = best, min([best, *sides], key=lambda one: one.cost)
+        if settings.restart and other.cost < best.cost - BETTER:
+            best = other
         turned = belief.counts["landmarks turned over"]
         self._adopt(best.log, told, best.found)
-        for one in sides:
+        for one in (before, *sides):
             if one.cost < best.cost + diagnosis.LEAST_RIVAL:
                 belief.in_doubt |= mirrors.elsewhere(best.found, one.found)
         sure = ~belief.in_doubt
