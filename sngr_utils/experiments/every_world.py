@@ -204,8 +204,8 @@ def _diagnosis(found: estimator.OnlineEstimate) -> dict:
         "doubtful": int(told.doubtful), "reasons": "; ".join(told.reasons), "p_found": found.p,
         "clutter_found": found.clutter, "unexplained": told.unexplained,
         "worst_run": told.worst_run, "residual": told.residual, "worst_step": told.worst_step,
-        "drift": told.drift, "vague": told.vague, "rival": min(told.rival, NO_RIVAL),
-        "slips": found.counts["slips"],
+        "drift": told.drift.p_value, "drift_of": told.drift.name, "vague": told.vague,
+        "rival": min(told.rival, NO_RIVAL), "slips": found.counts["slips"],
     }  # fmt: skip
 
 

@@ -14,8 +14,8 @@ from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.online import estimator, landmarks, localisation
 from sngr_utils.online.belief import Belief
 from sngr_utils.online.data_association import DROPPED
-from sngr_utils.online.diagnosis import DoubtWarning
 from sngr_utils.online.estimator import OnlineEstimate, Settings
+from sngr_utils.robust.diagnosis import DoubtWarning
 from sngr_utils.slam import isam2
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.world import simulation, variations

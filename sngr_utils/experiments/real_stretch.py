@@ -11,8 +11,8 @@ from scipy.optimize import linear_sum_assignment
 
 from sngr_utils.detection import mirror_image
 from sngr_utils.online import estimator
-from sngr_utils.online.diagnosis import DoubtWarning
 from sngr_utils.robust import losses
+from sngr_utils.robust.diagnosis import DoubtWarning
 from sngr_utils.settings import READING
 from sngr_utils.slam.conventions import PRESETS, Conventions
 from sngr_utils.slam.landmark_starts import start_landmarks

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from sngr_utils.robust import association, mutual_exclusion
+from sngr_utils.robust import association, diagnosis, mutual_exclusion
 from sngr_utils.slam import selected_inverse
 from sngr_utils.slam.factors import range_derivatives
 from sngr_utils.world.log import NO_LABEL, Log
 
 GATE = stats.chi2.ppf(0.99, 1)  # squared normalised innovation that puts a range in question
 IMPOSSIBLE = stats.chi2.ppf(1 - 1e-6, 1)  # and one that no right range has
-VAGUE = 5.0  # range sigmas, of a prediction above which it cannot tell landmarks apart
+VAGUE = diagnosis.VAGUE
 RESOLVED = 0.6  # posterior above which a range is assigned to a landmark
 DROPPED = -1  # the label of a range that is assigned to none
 

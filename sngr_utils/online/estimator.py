@@ -15,18 +15,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sngr_utils.online import calibration, data_association, diagnosis, rivals, slips
+from sngr_utils.online import calibration, data_association, rivals, slips
 from sngr_utils.online.belief import LOOSE, PRIOR, WINDOW, Belief, cost
 from sngr_utils.online.data_association import DROPPED
-from sngr_utils.online.diagnosis import Diagnosis, DoubtWarning
 from sngr_utils.online.landmarks import (
     POSES_NEEDED,
     drop_landmarks,
     start_landmarks,
     turn_over,
 )
-from sngr_utils.robust import association, em, louis_covariance
+from sngr_utils.robust import association, diagnosis, em, louis_covariance, mirrors
 from sngr_utils.robust.association import Shares
+from sngr_utils.robust.diagnosis import Diagnosis, DoubtWarning
 from sngr_utils.settings import Checked, Probability
 from sngr_utils.slam import chain_problem, chain_solver
 from sngr_utils.slam.conventions import Conventions
@@ -357,11 +357,18 @@ class Online:
         best = min([ours, *others], key=lambda one: one.cost) if settings.restart else ours
         if best.cost > ours.cost - BETTER:
             best = ours
+        sides = rivals.on_other_sides(told, best, self._fit)
+        before, other = best, min([best, *sides], key=lambda one: one.cost)
+        if settings.restart and other.cost < best.cost - BETTER:
+            best = other
         turned = belief.counts["landmarks turned over"]
         self._adopt(best.log, told, best.found)
+        for one in (before, *sides):
+            if one.cost < best.cost + diagnosis.LEAST_RIVAL:
+                belief.in_doubt |= mirrors.elsewhere(best.found, one.found)
         sure = ~belief.in_doubt
         different = [
-            one for one in (ours, *others) if rivals.differ(log, best.found, one.found, sure)
+            one for one in (ours, *others, *sides) if mirrors.differ(best.found, one.found, sure)
         ]
         belief.counts["batch restarts"] += any(one is ours for one in different)
         gap = min((one.cost for one in different), default=np.inf) - best.cost

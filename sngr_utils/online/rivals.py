@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sngr_utils.online import diagnosis, relocalisation, slips
+from sngr_utils.online import relocalisation, slips
 from sngr_utils.online.belief import TURNED, cost
-from sngr_utils.robust import em, growing_map
+from sngr_utils.robust import diagnosis, em, growing_map, mirrors
 from sngr_utils.robust.em import SoftEstimate
 from sngr_utils.slam import landmark_starts
 from sngr_utils.world.dead_reckoning import dead_reckoning
@@ -26,7 +26,6 @@ ENDS = 3  # groups of steps at either end that are always asked: wrong labels th
 EXPLAINED = 0.9  # share of the ranges of scans that lie where they are, clutter left out
 OPEN = 0.5  # probability of no landmark that frees a range for one that starts again
 MANY = 0.1  # share of the ranges that no landmark explains
-APART = 5.0  # range sigmas, between two places of a landmark that are not the same
 
 Fit = Callable[[Log, tuple[np.ndarray, np.ndarray], float], SoftEstimate]
 
@@ -136,6 +135,12 @@ def against(
     return found
 
 
+def on_other_sides(told: np.ndarray, ours: Rival, fit: Fit) -> list[Rival]:
+    """Estimates with landmarks at their mirror images, see `mirrors.rivals`."""
+    found = mirrors.rivals(ours.found, lambda *start: fit(ours.log, start, 1.0))
+    return [rival(ours.log, told, one) for one in found]
+
+
 def with_a_slip(log: Log, fit: Fit, everywhere: bool) -> list[Rival]:
     """Estimates of a log of which one step has slipped, for every step that can be judged.
 
@@ -215,20 +220,3 @@ def _two_parts(log: Log, step: int, fit: Fit, longest: float):
 def _carried(poses: np.ndarray, at: np.ndarray, to: np.ndarray) -> np.ndarray:
     """(T, 3) poses moved by the rigid motion that brings one pose to another."""
     return relocalisation.moved(np.vstack([at, poses]), to)[1:]
-
-
-def differ(log: Log, one: SoftEstimate, other: SoftEstimate, sure: np.ndarray) -> bool:
-    """Is another estimate farther off than the first one expects of the truth, or in a landmark?
-
-    Parameters
-    ----------
-    sure : (K,) bool, landmarks that the first one does not call in doubt
-    """
-    if not len(log.ranges):
-        return False
-    moved = one.poses[:, :2] - other.poses[:, :2]
-    squared = np.einsum("ti,tij,tj->t", moved, np.linalg.inv(one.position_covariances), moved)
-    places = np.linalg.norm(one.landmarks - other.landmarks, axis=1)
-    far = places > APART * np.median(log.range_sigmas)
-    absent = np.isnan(one.landmarks[:, 0]) != np.isnan(other.landmarks[:, 0])
-    return bool(squared.mean() > 2.0 or ((far | absent) & sure).any())

@@ -35,6 +35,7 @@ from sngr_utils.world.log import Log
 
 WIDEST = 6.0  # range sigmas that the annealed one starts with: a landmark start errs that much
 COOLING = 0.7  # per iteration
+ANCHOR = 1e6  # times the information on the first pose, which makes it as good as known
 
 ITERATIONS, SETTLED = 60, 1e-3  # of EM: at most, and range sigmas that no position then moves
 
@@ -68,7 +69,7 @@ class SoftEstimate:
     @cached_property
     def position_covariances(self) -> np.ndarray:
         """(T, 2, 2) in the world frame, [m^2], with what the associations leave open"""
-        return louis_covariance.position_covariances(self.chain, self._at(self.chain), self.weights)
+        return self._covariances(self.chain)
 
     @property
     def minimum(self) -> tuple[Chain, State]:
@@ -80,6 +81,24 @@ class SoftEstimate:
     def missed(self) -> missed_steps.Missed:
         """Steps of the odometry that err by more than their noise, on which no covariance counts"""
         return missed_steps.find(*self.minimum)
+
+    def moved(self, by: np.ndarray) -> float:
+        """Length of (T, 3) moves of the poses over that of the errors of their positions.
+
+        Both in the mean square. The errors are those given the first pose: what all poses err by
+        together is the same in every estimate.
+        """
+        return float(np.sqrt(np.sum(by[:, :2] ** 2) / self._spread))
+
+    @cached_property
+    def _spread(self) -> float:
+        """Squared errors of the positions that are expected, given the first pose, [m^2]."""
+        known = self.chain._replace(prior_information=ANCHOR * self.chain.prior_information)
+        return float(np.trace(self._covariances(known), axis1=1, axis2=2).sum())
+
+    def _covariances(self, chain: Chain) -> np.ndarray:
+        """(T, 2, 2) of the positions, [m^2]."""
+        return louis_covariance.position_covariances(chain, self._at(chain), self.weights)
 
     def _at(self, chain: Chain) -> State:
         at = chain_solver.state_of(chain, self.poses, self.landmarks)

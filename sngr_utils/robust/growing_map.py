@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize, special
 
-from sngr_utils.robust import em
+from sngr_utils.robust import diagnosis, em, mirrors
 from sngr_utils.robust.association import log_joint, posterior, residuals
+from sngr_utils.robust.diagnosis import Diagnosis
 from sngr_utils.slam import chain_cost, chain_solver, noise_estimation
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.landmark_starts import START_AFTER, best_cell
@@ -35,7 +36,6 @@ ROUNDS, SAME = 4, 0.01  # of noise and map in turn, and the logarithm of a sigma
 HELD_OUT = 10  # one range of so many is held out
 # Beyond these the estimate says that it may be wrong
 MOST_UNEXPLAINED = 0.05  # share of held-out ranges that are nobody's, beyond that of all
-STRETCH, MOST_UNEVEN = 40, 3.0  # ranges, and the variance of clutter in so many over a chance one
 
 
 @dataclass(frozen=True)
@@ -271,25 +271,22 @@ def _unexplained(log: Log, soft: em.SoftEstimate) -> float:
     return float(weights[:, -1].mean()) if len(weights) else 0.0
 
 
-def _unevenness(clutter: np.ndarray) -> float:
-    """Variance of the clutter in stretches of a log over that of clutter by chance."""
-    stretches = len(clutter) // STRETCH
-    share = clutter.mean()
-    if stretches < 2 or clutter.sum() < STRETCH / 2:
-        return 0.0
-    by_chance = share * (1 - share) / STRETCH
-    return float(clutter[: stretches * STRETCH].reshape(-1, STRETCH).mean(axis=1).var() / by_chance)
+def _diagnosed(log: Log, soft: em.SoftEstimate) -> Diagnosis:
+    """What there is to doubt of a map, its other sides being its rivals."""
+    sides = mirrors.rivals(soft, lambda *start: _fit(log, start, soft.calibration, 1.0))
+    sure = np.ones(log.n_landmarks, dtype=bool)
+    gaps = [score(log, soft) - score(log, one) for one in sides if mirrors.differ(soft, one, sure)]
+    gap = max(min(gaps, default=np.inf), 0.0)
+    return diagnosis.diagnose(log, log.odometry_covariances, soft, gap)
 
 
 def _doubts(log: Log, soft: em.SoftEstimate, scores: list[float], unexplained: float) -> list[str]:
     """Why the estimate may be wrong."""
-    found = []
+    found = list(_diagnosed(log, soft).reasons)
     if not _found_twice(scores):
         found.append(f"{len(scores)} searches have found {len(scores)} maps")
     if unexplained - soft.shares.clutter > MOST_UNEXPLAINED:
         found.append(f"{unexplained:.0%} of held-out ranges are explained by no landmark")
-    if _unevenness(soft.weights[:, -1]) > MOST_UNEVEN:
-        found.append("ranges credited to no landmark come in stretches")
     lost = np.flatnonzero(starving(log, soft)).tolist()
     if lost:
         found.append(f"landmarks {lost} have hardly a range")

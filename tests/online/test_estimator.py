@@ -11,14 +11,13 @@ from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.online import (
     belief,
     data_association,
-    diagnosis,
     estimator,
     localisation,
     slips,
     window,
 )
 from sngr_utils.online.landmarks import _locate, drop_landmarks
-from sngr_utils.robust import losses, mutual_exclusion
+from sngr_utils.robust import diagnosis, losses, mutual_exclusion
 from sngr_utils.robust.association import Shares
 from sngr_utils.sampling.targets import place
 from sngr_utils.show import association_pictures

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sngr_utils.experiments import every_world
 from sngr_utils.metrics.alignment import aligned_rmse
 from sngr_utils.robust import growing_map
-from sngr_utils.world.dead_reckoning import dead_reckoning
+from sngr_utils.world.dead_reckoning import dead_reckoning, relative_motion
 from sngr_utils.world.log import NO_LABEL
 from sngr_utils.world.scenario import Scenario
 from sngr_utils.world.simulation import simulate
@@ -71,19 +72,27 @@ def test_each_reason_to_doubt_is_said(right):
     assert growing_map._doubts(log, soft, [0.0, -0.5], 0.0) == []
     assert "2 searches" in growing_map._doubts(log, soft, [0.0, -5.0], 0.0)[0]
     assert "20% of held-out" in growing_map._doubts(log, soft, [0.0, 0.0], 0.2)[0]
-    second = np.arange(count) >= count // 2
-    clutter = replace(soft, weights=np.where(second[:, None], [0.0, 0, 0, 1], soft.weights))
-    assert "in stretches" in growing_map._doubts(log, clutter, [0.0, 0.0], 0.0)[0]
+    last = np.arange(count) >= 2 * count // 3
+    clutter = replace(soft, weights=np.where(last[:, None], [0.0, 0, 0, 1], soft.weights))
+    assert "some poses have too many" in growing_map._doubts(log, clutter, [0.0, 0.0], 0.0)[0]
     lost = replace(soft, weights=soft.weights * [1, 0, 1, 1])
     assert "landmarks [1] have hardly" in growing_map._doubts(log, lost, [0.0, 0.0], 0.0)[0]
 
 
-def test_clutter_in_a_stretch_is_uneven_and_clutter_by_chance_is_not():
-    rng = np.random.default_rng(100)
-    by_chance = (rng.random(4000) < 0.3).astype(float)
-    assert growing_map._unevenness(by_chance) < growing_map.MOST_UNEVEN
-    assert growing_map._unevenness(np.sort(by_chance)) > growing_map.MOST_UNEVEN
-    assert growing_map._unevenness(np.zeros(4000)) == 0
+def test_a_straight_road_has_another_side():
+    """Odometry that does not err leaves the mirror image exactly as likely."""
+    world, _ = every_world.draw("straight", 0.0, 100)
+    exact = replace(world, odometry=relative_motion(world.poses)).log([0.01, 0.01, 0.001])
+    assert any("another estimate" in doubt for doubt in growing_map.estimate(exact).doubts)
+
+
+@pytest.mark.parametrize("changed", [{"odometry": 0.0}, {"ranges": 1.4, "scale": (1.0, np.inf)}])
+def test_odometry_that_is_zero_and_a_scale_far_off_are_doubted(changed):
+    world = simulate(Scenario(), 0.3, rng=np.random.default_rng(103))
+    log = world.log([0.01, 0.01, 0.001])
+    found = {name: value * getattr(log, name) for name, value in changed.items() if name != "scale"}
+    with np.errstate(all="ignore"):
+        assert growing_map.estimate(replace(log, **{**changed, **found})).doubts
 
 
 def test_a_log_without_ranges_is_refused():

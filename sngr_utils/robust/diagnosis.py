@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from sngr_utils.online.data_association import VAGUE
-from sngr_utils.robust import association
+from sngr_utils.robust import association, misfit
 from sngr_utils.robust.em import SoftEstimate
+from sngr_utils.robust.misfit import Misfit
 from sngr_utils.world.dead_reckoning import relative_motion, wrap_angle
 from sngr_utils.world.log import NO_LABEL, Log
 
@@ -22,6 +22,7 @@ RUN = 3  # consecutive poses whose ranges are looked at together, and twice as m
 MOST_UNEXPLAINED = 0.5  # share of the ranges: the majority must be from a landmark
 RARE = 0.01  # p-value that is no chance
 POSSIBLE = 0.5  # and one that is worth a question
+VAGUE = 5.0  # range sigmas, of a prediction above which it cannot tell landmarks apart
 MOST_RESIDUAL = 1.6  # variance of ranges over what is told: a sigma that is told a fifth too small
 LEAST_RIVAL = np.log(100.0)  # nats: odds of a hundred to one
 
@@ -40,7 +41,7 @@ class Diagnosis:
     worst_run : p-value of the run of poses with the most of them, see `worst_run`
     residual : mean squared normalised residual of what is assigned, per degree of freedom
     worst_step : p-value of the worst step of the odometry that is trusted, for as many as there are
-    drift : p-value of the mean error of these steps, ahead, sideways, or in heading
+    drift : what every step, or range, seems to be wrong by, see `misfit.worst`
     rival : by how much the best other estimate is less likely, [nats]; infinite if there is none
     vague : sigma of a position, over the poses in the mean square, in range sigmas; infinite
         without ranges
@@ -51,7 +52,7 @@ class Diagnosis:
     worst_run: float
     residual: float
     worst_step: float
-    drift: float
+    drift: Misfit
     rival: float
     vague: float
 
@@ -65,7 +66,9 @@ class Diagnosis:
                 self.worst_run < RARE,
             f"residuals are {self.residual:.1f} times the noise": self.residual > MOST_RESIDUAL,
             f"a step of the odometry is missed (p {self.worst_step:.0e})": self.worst_step < RARE,
-            f"odometry and map disagree by a drift (p {self.drift:.0e})": self.drift < RARE,
+            f"odometry and map disagree by a drift {self.drift.name} "
+            f"(of {self.drift.size:.1f} sigmas, p {self.drift.p_value:.0e})":
+                self.drift.p_value < RARE,
             f"another estimate is less likely by {self.rival:.1f} nats only":
                 self.rival < LEAST_RIVAL,
             f"positions err by {self.vague:.0f} range sigmas": self.vague > VAGUE,
@@ -86,7 +89,7 @@ def diagnose(log: Log, told: np.ndarray, found: SoftEstimate, rival: float) -> D
     rival : see `Diagnosis`
     """
     none = found.weights[:, -1]
-    residuals = association.residuals(log, found.poses, found.landmarks)
+    residuals = association.residuals(log, found.poses, found.landmarks, found.calibration)
     squared = np.nansum(found.responsibilities * (residuals / log.range_sigmas[:, None]) ** 2)
     freedom = (1 - none).sum() - 2 * np.isfinite(found.landmarks[:, 0]).sum()
     spread = np.sqrt(found.position_covariances.trace(axis1=1, axis2=2).mean() / 2)
@@ -95,7 +98,7 @@ def diagnose(log: Log, told: np.ndarray, found: SoftEstimate, rival: float) -> D
         worst_run=worst_run(log, none),
         residual=float(squared / freedom) if freedom > 0 else 1.0,
         worst_step=worst_step(log, told, found.poses),
-        drift=drift(log, told, found.poses),
+        drift=misfit.worst(log, found),
         rival=float(rival),
         vague=float(spread / np.median(log.range_sigmas)) if len(log.ranges) else np.inf,
     )
@@ -141,32 +144,14 @@ def worst_step(log: Log, told: np.ndarray, poses: np.ndarray) -> float:
     ----------
     told : (T-1, 3, 3) covariances as measured; where those of the log are others, it slipped
     """
-    missed = _missed(log, told, poses)
-    if not len(missed):
-        return 1.0
-    worst = np.max(np.sum(missed**2, axis=1))
-    return float(min(1.0, stats.chi2.sf(worst, 3) * len(missed)))
-
-
-def drift(log: Log, told: np.ndarray, poses: np.ndarray) -> float:
-    """p-value of the mean error of trusted steps, see `Diagnosis`: noise has none.
-
-    Wheels or a range scale that are told wrong, or a gyro with a bias, are missed by a little at
-    every step and by much at none. Too large rather than too small, as `worst_step` is.
-    """
-    missed = _missed(log, told, poses)
-    if not len(missed):
-        return 1.0
-    mean = np.abs(missed.sum(axis=0)).max() / np.sqrt(len(missed))
-    return float(min(1.0, 2 * stats.norm.sf(mean) * missed.shape[1]))
-
-
-def _missed(log: Log, told: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """(N, 3) errors of the steps that are trusted, in standard deviations, uncorrelated."""
     trusted = (log.odometry_covariances == told).all(axis=(1, 2))
+    if not trusted.any():
+        return 1.0
     missed = (relative_motion(poses) - log.odometry)[trusted]
     missed[:, 2] = wrap_angle(missed[:, 2])
-    return np.linalg.solve(np.linalg.cholesky(told[trusted]), missed[..., None])[..., 0]
+    white = np.linalg.solve(np.linalg.cholesky(told[trusted]), missed[..., None])[..., 0]
+    worst = np.max(np.sum(white**2, axis=1))
+    return float(min(1.0, stats.chi2.sf(worst, 3) * len(missed)))
 
 
 def may_have_slipped(log: Log, told: np.ndarray, found: SoftEstimate) -> bool:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sngr_utils.online import diagnosis
-from sngr_utils.robust import em
+from sngr_utils.robust import diagnosis, em, misfit
 from sngr_utils.slam import conventions
 from sngr_utils.world import scenario, simulation
 from sngr_utils.world.dead_reckoning import relative_motion
@@ -18,7 +17,7 @@ SOUND = diagnosis.Diagnosis(
     worst_run=1.0,
     residual=1.0,
     worst_step=1.0,
-    drift=1.0,
+    drift=misfit.NONE,
     rival=np.inf,
     vague=1.0,
 )
@@ -77,22 +76,10 @@ def test_the_worst_step_has_the_p_value_of_so_many(drawn):
     assert diagnosis.worst_step(slipped, told, poses) > diagnosis.RARE
 
 
-def test_steps_that_all_err_to_one_side_are_a_drift(drawn):
-    """By closed form: the mean of N errors of a standard deviation each is known to 1 / sqrt(N)."""
-    log, poses = drawn.log(C.x0_sigmas), drawn.poses
-    told, exact = log.odometry_covariances, relative_motion(poses)
-    assert diagnosis.drift(log._with(odometry=exact), told, poses) == 1.0
-    assert diagnosis.drift(log, told, poses) > diagnosis.RARE
-    turned = log._with(odometry=exact + np.array([0.0, 0.0, 0.01]))  # one sigma at each of 29 steps
-    expected = 3 * 2 * stats.norm.sf(np.sqrt(29))
-    assert diagnosis.drift(turned, told, poses) == pytest.approx(expected, rel=1e-6)
-    assert diagnosis.worst_step(turned, told, poses) == 1.0
-
-
 @pytest.mark.parametrize(("changed", "word"), [
     ({"unexplained": 0.51}, "fit nothing"), ({"worst_run": 0.001}, "some poses"),
     ({"residual": 1.7}, "times the noise"), ({"worst_step": 0.001}, "a step"),
-    ({"drift": 0.001}, "a drift"),
+    ({"drift": misfit.Misfit("in turning", 0.8, 0.001)}, "a drift in turning (of 0.8 sigmas"),
     ({"rival": 2.0}, "less likely by 2.0 nats"), ({"vague": 6.0}, "range sigmas"),
 ])  # fmt: skip
 def test_each_doubt_is_told_and_even_clutter_is_none(changed, word):
