@@ -35,7 +35,8 @@ numba.config.LOOP_VECTORIZE = 0
 
 # No Python objects inside, so threads run in parallel; x / 0 is inf, as in NumPy; nothing is
 # called from C, whose wrappers are a seventh of the time that compiling takes.
-compile_once = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
+OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+compile_once = numba.njit(cache=True, **OPTIONS)
 
 # Python where Python calls it, with arrays too; compiled into what is compiled.
 also_compile_once = numba.extending.register_jitable

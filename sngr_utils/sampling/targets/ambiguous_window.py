@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import overload
 
 from sngr_utils.numerics.jit import compile_once
-from sngr_utils.sampling.targets.compiled import evaluate
+from sngr_utils.sampling.targets.compiled import evaluated_by
 from sngr_utils.world.simulation import World
 
 LOG_TAU = math.log(2 * math.pi)
@@ -146,13 +145,6 @@ def window_of(world: World, x0_sigmas: list[float], p: float, n_ranges: int) -> 
     )  # fmt: skip
 
 
-@overload(evaluate)
-def _evaluate_window(factors, x, poses, points, limit):
-    if getattr(factors, "instance_class", None) is WindowFactors:
-        return lambda factors, x, poses, points, limit: _window_energy(factors, x, poses, limit)
-    return None
-
-
 @compile_once
 def place(noises, x0_mean, x0_sigmas, odometry, sigmas, out):
     """(n, 2) positions of dead reckoning with every motion disturbed, into `out`."""
@@ -216,21 +208,23 @@ def range_term(where, points, pose_of, ranges, log_shares, sigma, first, stop, f
 
 
 @compile_once
-def _window_energy(f, offset, where, limit):
+def _window_energy(factors, x, poses, points, limit):
     """Minus the log of the target over the prior, [nats]; inf once it must exceed `limit`."""
-    d, noises, half = len(offset), np.empty(len(offset)), 0.0
+    f, d, noises, half = factors, len(x), np.empty(len(x)), 0.0
     for i in range(d):
-        noises[i] = f.mean[i] + offset[i]
+        noises[i] = f.mean[i] + x[i]
         pull = 0.0
         for j in range(d):
-            pull += f.precision[i, j] * offset[j]
-        half += 0.5 * (noises[i] * noises[i] - offset[i] * pull)
+            pull += f.precision[i, j] * x[j]
+        half += 0.5 * (noises[i] * noises[i] - x[i] * pull)
     half -= f.log_constant
-    place(noises, f.x0_mean, f.x0_sigmas, f.odometry, f.sigmas, where)
+    place(noises, f.x0_mean, f.x0_sigmas, f.odometry, f.sigmas, poses)
     return half - range_term(
-        where, f.points, f.pose_of, f.ranges, f.log_shares, f.range_sigma, 0, len(where),
-        half - limit,
-    )  # fmt: skip
+        poses, points, f.pose_of, f.ranges, f.log_shares, f.range_sigma, 0, len(poses), half - limit
+    )
+
+
+evaluated_by(WindowFactors, _window_energy)
 
 
 @compile_once

@@ -14,7 +14,7 @@ import gtsam
 import numpy as np
 from numba.extending import overload
 
-from sngr_utils.numerics.jit import compile_once
+from sngr_utils.numerics.jit import OPTIONS, compile_once
 from sngr_utils.slam import range_density
 
 TWO_PI = 2 * math.pi
@@ -253,46 +253,49 @@ def residuals(factors, xi, poses, points, out):
 
 
 @compile_once
-def energy(factors, xi, poses, points, limit):
-    """Minus the log-likelihood at xi, [nats]; stops adding once it exceeds `limit`.
+def energy(factors, x, poses, points, limit):
+    """Minus the log-likelihood at xi = x, [nats]; stops adding once it exceeds `limit`.
 
     Errors are never negative, so a sum above the limit stays above it: a sampler that only asks
     whether a point lies below the limit gets the same answer sooner. `math.inf` for the value.
+    No loop has a second way out: the arrays' references would be counted on every call.
     """
-    place_variables(factors, xi, poses, points)
+    place_variables(factors, x, poses, points)
     extra = 0.0
     for i in range(len(factors.quadratic)):
-        row = 0.5 * factors.quadratic[i, i] * xi[i]
+        row = 0.5 * factors.quadratic[i, i] * x[i]
         for j in range(i):
-            row += factors.quadratic[i, j] * xi[j]
-        extra += row * xi[i]
+            row += factors.quadratic[i, j] * x[j]
+        extra += row * x[i]
     for i in range(len(factors.linear)):
-        extra += factors.linear[i] * xi[i]
+        extra += factors.linear[i] * x[i]
     of, measured, half = factors.of, factors.measured, 0.5 * factors.factor
     enough = (limit - extra) / half
-    total = 0.0
+    total, f = 0.0, 0
     end = factors.counts[2]
-    for f in range(end):
-        x, y, turn = between_residual(poses, of, measured, f)
-        total += x * x + y * y + turn * turn
-    for f in range(end, end + factors.counts[3]):
-        x, y, turn = prior_residual(poses, of, measured, f)
-        total += x * x + y * y + turn * turn
+    while f < end and total <= enough:
+        dx, dy, turn = between_residual(poses, of, measured, f)
+        total += dx * dx + dy * dy + turn * turn
+        f += 1
     end += factors.counts[3]
-    for f in range(end, end + factors.counts[4]):
-        x, y = point_residual(points, of, measured, f)
-        total += x * x + y * y
+    while f < end and total <= enough:
+        dx, dy, turn = prior_residual(poses, of, measured, f)
+        total += dx * dx + dy * dy + turn * turn
+        f += 1
     end += factors.counts[4]
-    for f in range(end, end + factors.counts[5]):
-        if total > enough:
-            break
+    while f < end and total <= enough:
+        dx, dy = point_residual(points, of, measured, f)
+        total += dx * dx + dy * dy
+        f += 1
+    end += factors.counts[5]
+    while f < end and total <= enough:
         e = range_residual(points, points, of, measured, f)
         total += e * e
-    for f in range(end + factors.counts[5], len(of)):
-        if total > enough:
-            break
+        f += 1
+    while f < len(of) and total <= enough:
         e = range_residual(poses, points, of, measured, f)
         total += e * e
+        f += 1
     return extra + half * total
 
 
@@ -317,11 +320,18 @@ def evaluate(factors, x, poses, points, limit):
     raise NotImplementedError
 
 
-@overload(evaluate)
-def _evaluate_factors(factors, x, poses, points, limit):
-    if getattr(factors, "instance_class", None) is Factors:
-        return lambda factors, x, poses, points, limit: energy(factors, x, poses, points, limit)
-    return None
+def evaluated_by(kind: type, function: Callable) -> None:
+    """Let `evaluate` be a compiled function of the same arguments where `factors` are of a type.
+
+    The function itself, for a call in between would count the references of all arrays anew.
+    """
+
+    @overload(evaluate, jit_options=OPTIONS)
+    def chosen(factors, x, poses, points, limit):
+        return function.py_func if getattr(factors, "instance_class", None) is kind else None
+
+
+evaluated_by(Factors, energy)
 
 
 @compile_once

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import overload
 
 from sngr_utils.numerics.jit import compile_once
 from sngr_utils.numerics.linalg import factorise, solve_lower
 from sngr_utils.numerics.normal import normal_quantile
 from sngr_utils.sampling.targets.ambiguous_window import chain_positions
-from sngr_utils.sampling.targets.compiled import evaluate
+from sngr_utils.sampling.targets.compiled import evaluated_by
 from sngr_utils.world.dead_reckoning import dead_reckoning
 from sngr_utils.world.simulation import World
 
@@ -219,16 +218,10 @@ def ring_density(dx, dy, distance, sigma):
     return -0.5 * error * error - math.log(sigma * held * radius) - 1.5 * math.log(2 * math.pi)
 
 
-@overload(evaluate)
-def _evaluate_landmark(factors, x, poses, points, limit):
-    if getattr(factors, "instance_class", None) is LandmarkFactors:
-        return lambda factors, x, poses, points, limit: _landmark_energy(factors, x)
-    return None
-
-
 @compile_once
-def _landmark_energy(f, x):
+def _landmark_energy(factors, x, poses, points, limit):
     """Minus the log of the target over the prior, [nats]."""
+    f = factors
     if f.is_ring:
         px, py = ring_place(f.mean, f.distance, f.sigma, x)
         prior = ring_density(px - f.mean[0], py - f.mean[1], f.distance, f.sigma)
@@ -239,3 +232,6 @@ def _landmark_energy(f, x):
     return prior - _density(
         px, py, f.poses, f.covariance, f.ranges, f.variance, f.centre, f.prior_sigma
     )
+
+
+evaluated_by(LandmarkFactors, _landmark_energy)

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import overload
 
 from sngr_utils.numerics.jit import compile_once
 from sngr_utils.sampling.targets.ambiguous_window import LOG_TAU
-from sngr_utils.sampling.targets.compiled import evaluate
+from sngr_utils.sampling.targets.compiled import evaluated_by
 from sngr_utils.world.dead_reckoning import dead_reckoning
 from sngr_utils.world.log import NO_LABEL, Log
 
@@ -122,33 +121,26 @@ def of_log(log: Log) -> WholeGraph:
     ))  # fmt: skip
 
 
-@overload(evaluate)
-def _evaluate_graph(factors, x, poses, points, limit):
-    if getattr(factors, "instance_class", None) is GraphFactors:
-        return lambda factors, x, poses, points, limit: _energy(factors, x, poses, points)
-    return None
-
-
 @compile_once
-def _energy(f, noises, poses, points):
+def _energy(factors, x, poses, points, limit):
     """Minus the log-likelihood of the ranges, [nats]; where all is, into `poses` and `points`."""
-    turned = 0.0
+    f, noises, turned = factors, x, 0.0
     for t in range(len(poses)):
-        x, y, theta, step = 0.0, 0.0, 0.0, np.empty(3)
+        x0, y0, theta, step = 0.0, 0.0, 0.0, np.empty(3)
         if t == 0:
-            x, y, turned = f.first[0], f.first[1], f.first[2]
+            x0, y0, turned = f.first[0], f.first[1], f.first[2]
             for i in range(3):
                 step[i] = f.first_sigmas[i] * noises[i]
         else:
-            x, y, turned = poses[t - 1, 0], poses[t - 1, 1], poses[t - 1, 2]
+            x0, y0, turned = poses[t - 1, 0], poses[t - 1, 1], poses[t - 1, 2]
             for i in range(3):
                 step[i] = f.odometry[t - 1, i]
                 for j in range(i + 1):
                     step[i] += f.roots[t - 1, i, j] * noises[3 * t + j]
         cos, sin, theta = math.cos(turned), math.sin(turned), turned + step[2]
         poses[t, 0], poses[t, 1] = (
-            x + cos * step[0] - sin * step[1],
-            y + sin * step[0] + cos * step[1],
+            x0 + cos * step[0] - sin * step[1],
+            y0 + sin * step[0] + cos * step[1],
         )
         poses[t, 2] = theta
     for k in range(len(points)):
@@ -166,6 +158,9 @@ def _energy(f, noises, poses, points):
     return total
 
 
+evaluated_by(GraphFactors, _energy)
+
+
 @compile_once
 def _all(f, points):
     """(N,) log-likelihoods, (N, T, 3) poses and (N, K, 2) landmarks of (N, d) noises."""
@@ -173,5 +168,5 @@ def _all(f, points):
     found = np.empty(n)
     poses, landmarks = np.empty((n, *f.poses.shape)), np.empty((n, *f.points.shape))
     for i in range(n):
-        found[i] = -_energy(f, points[i], poses[i], landmarks[i])
+        found[i] = -_energy(f, points[i], poses[i], landmarks[i], math.inf)
     return found, poses, landmarks
