@@ -5,6 +5,7 @@ should not wait for what executes notebooks.
 """
 
 import argparse
+import importlib
 import logging
 import re
 import signal
@@ -18,25 +19,14 @@ UNTOUCHED = "interrupted: published results are untouched"
 _interrupted = []  # times of signals: after one, any exception is a consequence of it
 
 
-def _check(args) -> int:
-    from sngr_utils.publish import run
+def _calls(module: str, name: str) -> Callable[[argparse.Namespace], int]:
+    """The command that calls a function without arguments."""
 
-    run.check()
-    return 0
+    def work(args: argparse.Namespace) -> int:
+        getattr(importlib.import_module(f"sngr_utils.{module}"), name)()
+        return 0
 
-
-def _stale(args) -> int:
-    from sngr_utils.publish import run
-
-    run.print_stale()
-    return 0
-
-
-def _latex(args) -> int:
-    from sngr_utils.publish import run
-
-    run.write_latex()
-    return 0
+    return work
 
 
 def _each(args) -> int:
@@ -71,20 +61,6 @@ def _why(args) -> int:
     from sngr_utils.publish import why
 
     print(why.why(args.name))
-    return 0
-
-
-def _adopt(args) -> int:
-    from sngr_utils.publish import verify
-
-    verify.adopt()
-    return 0
-
-
-def _compile(args) -> int:
-    from sngr_utils.experiments import warm_up
-
-    warm_up.compile_all()
     return 0
 
 
@@ -141,12 +117,15 @@ def _estimate(args) -> int:
 
 
 COMMANDS = {
-    "check": (_check, "check all parameter files and the claims"),
-    "stale": (_stale, "print the make targets that are out of date"),
-    "latex": (_latex, "write paper/generated from fresh results"),
+    "check": (_calls("publish.run", "check"), "check all parameter files and the claims"),
+    "stale": (_calls("publish.run", "print_stale"), "print the make targets that are out of date"),
+    "latex": (_calls("publish.run", "write_latex"), "write paper/generated from fresh results"),
     "verify": (_verify, "compare the runs aside with the committed reference"),
-    "adopt": (_adopt, "make the published results the reference"),
-    "compile": (_compile, "compile everything that is compiled, before processes share it"),
+    "adopt": (_calls("publish.verify", "adopt"), "make the published results the reference"),
+    "compile": (
+        _calls("experiments.warm_up", "compile_all"),
+        "compile everything that is compiled, before processes share it",
+    ),
     "bench": (_bench, "time the engines side by side, with their errors"),
     "notebook": (_each, "publish notebooks with their YAML unless their results are fresh"),
     "quick": (_each, "run notebooks with params/quick, into build/quick"),

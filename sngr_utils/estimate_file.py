@@ -11,6 +11,7 @@ from pathlib import Path
 from threading import Thread
 
 import numpy as np
+from tqdm import tqdm
 
 from sngr_utils.files import formats, tum
 from sngr_utils.files.recording import Recording, named
@@ -20,8 +21,6 @@ from sngr_utils.robust.growing_map import GrownMap
 from sngr_utils.slam.noise_estimation import RANGE, SOURCES
 from sngr_utils.world.dead_reckoning import dead_reckoning
 from sngr_utils.world.log import NO_LABEL, LogWarning
-
-BAR = 40  # characters of the progress bar
 
 
 def run(path: Path, out: Path | None, overwrite: bool) -> None:
@@ -68,14 +67,17 @@ def _estimate(path: Path, recording: Recording) -> GrownMap:
     """The work, in a thread: Ctrl-C while numba hands on a named tuple would crash the process."""
     found = Future()
 
+    def progress(share: float) -> None:
+        bar.update(share - bar.n)
+
     def work():
         try:
-            progress = _bar if sys.stderr.isatty() else _silent
             found.set_result(growing_map.estimate(recording.log, progress))
         except BaseException as error:
             found.set_exception(error)
 
-    with warnings.catch_warnings(), named(path):
+    bar = tqdm(total=1.0, bar_format="{percentage:3.0f} %|{bar}|", ncols=50, nrows=20, disable=None)
+    with warnings.catch_warnings(), named(path), bar:
         warnings.simplefilter("ignore", LogWarning)  # said when the log was read
         Thread(target=work, daemon=True).start()
         try:
@@ -168,15 +170,3 @@ def _draw(path: Path, recording: Recording, grown: GrownMap) -> None:
     reckoned = dead_reckoning(log.x0_mean, log.odometry)
     fig = grown_map.picture(soft.poses, soft.landmarks, reckoned, true, grown.doubts)
     fig.savefig(path)
-
-
-def _bar(share: float) -> None:
-    done = round(BAR * share)
-    end = "\n" if share >= 1 else ""
-    print(
-        f"\r[{'#' * done}{'.' * (BAR - done)}] {share:4.0%}", end=end, file=sys.stderr, flush=True
-    )
-
-
-def _silent(share: float) -> None:
-    pass

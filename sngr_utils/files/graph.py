@@ -9,7 +9,6 @@ import numpy as np
 
 from sngr_utils.files.recording import Recording, frame_sigmas, named
 from sngr_utils.files.text import Line
-from sngr_utils.world.checks import PROPER, proper
 from sngr_utils.world.dead_reckoning import dead_reckoning
 from sngr_utils.world.log import NO_LABEL, Log
 from sngr_utils.world.truth import Truth
@@ -75,7 +74,17 @@ class Graph:
         still = len(times) > 1 and np.ptp(times) == 0
         ranges = self._ranges(dict(zip(poses, range(len(poses)), strict=True)), names)
         given = {**ranges, **self._first(poses[0], ranges["range_sigmas"]), **self._surveys(names)}
-        with named(self.path):
+        rows = [found.line for found in self.ranges]
+        surveys = {**self.landmarks, **self.landmark_priors}
+        lines = {
+            "times": [self.poses[name][0] for name in poses],
+            "odometry_covariances": [step[0] for step in steps],
+            "x0_sigmas": [prior[0] for prior in self.pose_priors.values()] * 3,
+            "landmark_means": [surveys[name][0] for name in names],
+            "ranges": rows,
+            "range_sigmas": rows,
+        }
+        with named(self.path, lines):
             log = Log(
                 odometry=motions,
                 odometry_covariances=np.array([step[2] for step in steps]).reshape(-1, 3, 3),
@@ -181,22 +190,11 @@ def name_of(line: Line, name: str) -> str:
     return name
 
 
-def covariance_of(line: Line, matrix: np.ndarray) -> np.ndarray:
-    """A covariance.
-
-    Raises
-    ------
-    ValueError : not symmetric and positive definite
-    """
-    if not proper(matrix[None])[0]:
-        raise line.refuse(f"the covariance: {PROPER}")
-    return matrix
-
-
 def _sigmas(line: Line, covariance: np.ndarray) -> np.ndarray:
     if np.any(covariance != np.diag(np.diag(covariance))):
         raise line.refuse("a prior with correlations: a log has none")
-    return np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore"):  # a log takes no NaN
+        return np.sqrt(np.diag(covariance))
 
 
 def _order(name: str) -> tuple[str, int]:

@@ -66,15 +66,14 @@ def _gaussian(line: Line, fields: list[str], n: int) -> tuple[list[str], np.ndar
         raise line.refuse("after the names, it must be: x y theta covariance, and nine numbers")
     names = [graph.name_of(line, name) for name in fields[:n]]
     covariance = line.numbers(fields[n + 4 :], LARGEST**2).reshape(3, 3)
-    return names, line.numbers(fields[n : n + 3]), graph.covariance_of(line, covariance)
+    return names, line.numbers(fields[n : n + 3]), covariance
 
 
 def _range(found: graph.Graph, line: Line, fields: list[str]) -> None:
     if len(fields) != 4:
         raise line.refuse("a range must be: pose landmark range sigma")
     pose, landmark = (graph.name_of(line, name) for name in fields[:2])
-    sigma = line.sigma(fields[3], "a sigma")
-    value = line.range(fields[2], "a range", sigma)
+    value, sigma = line.numbers(fields[2:])
     found.ranges.append(graph.Range(line, pose, [landmark], [1.0], value, sigma))
 
 
@@ -100,8 +99,7 @@ def _ambiguous(found: graph.Graph, line: Line, fields: list[str]) -> None:
     if weights.min() < 0 or not weights.sum() > 0:
         raise line.refuse("weights must not be negative, nor all zero")
     pose, *landmarks = (graph.name_of(line, name) for name in [*parts["Observer"], *names])
-    sigma = line.sigma(parts["Sigma"][0], "a sigma")
-    value = line.range(parts["Observation"][0], "a range", sigma)
+    value, sigma = line.numbers([*parts["Observation"], *parts["Sigma"]])
     shares = list(weights / weights.sum())
     found.ranges.append(graph.Range(line, pose, landmarks, shares, value, sigma))
 

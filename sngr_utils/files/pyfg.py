@@ -64,17 +64,16 @@ def _gaussian(kind: str, n: int, d: int) -> Callable:
         mean = line.numbers([fields[0], *fields[n + 1 : n + 1 + d]])[1:]
         upper = np.zeros((d, d))
         upper[np.triu_indices(d)] = line.numbers(fields[n + 1 + d :], checks.LARGEST**2)
-        covariance = graph.covariance_of(line, upper + np.triu(upper, 1).T)
+        covariance = upper + np.triu(upper, 1).T
         found.add(kind, names if n > 1 else names[0], line, mean, covariance)
 
     return take
 
 
 def _range(found: graph.Graph, line: Line, fields: list[str]) -> None:
-    line.numbers(fields[:1])
     pose, landmark = graph.name_of(line, fields[1]), graph.name_of(line, fields[2])
+    _, value = line.numbers([fields[0], fields[3]])
     sigma = line.sigma(fields[4], "a variance", power=2)
-    value = line.range(fields[3], "a range", sigma)
     found.ranges.append(graph.Range(line, pose, [landmark], [1.0], value, sigma))
 
 

@@ -1,11 +1,13 @@
 """What a reader returns: the log, its truth where there is one, and what landmarks are called."""
 
+import re
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from sngr_utils.files.text import Line
 from sngr_utils.world.log import Log
 from sngr_utils.world.truth import Truth
 
@@ -36,9 +38,17 @@ def frame_sigmas(range_sigmas: np.ndarray) -> list[float]:
 
 
 @contextmanager
-def named(path: Path):
-    """What `Log` refuses is refused with the name of the file."""
+def named(path: Path, lines: dict[str, list[Line]] | None = None):
+    """What `Log` refuses is refused with the name of the file, and the line that gave a row.
+
+    Parameters
+    ----------
+    lines : field of the log -> the line of each of its rows
+    """
     try:
         yield
     except ValueError as error:
+        row = re.match(r"(\w+)\[(\d+)\]", str(error))
+        if row and row[1] in (lines or {}):
+            raise lines[row[1]][int(row[2])].refuse(str(error)) from None
         raise ValueError(f"{path}: {error}") from None

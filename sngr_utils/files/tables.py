@@ -13,7 +13,6 @@ import numpy as np
 
 from sngr_utils.files.recording import Recording, named
 from sngr_utils.files.text import Line, lines
-from sngr_utils.world.checks import proper
 from sngr_utils.world.log import NO_LABEL, Log
 from sngr_utils.world.truth import Truth
 
@@ -29,7 +28,6 @@ COLUMNS = {
     "calibration": (["quantity", "mean", "sigma"], []),
 }
 CHANCE = "p:"  # a column of chances that a range is from the landmark named after it
-ROUNDING = 1e-9  # of chances that sum to one
 FIXED = {"scale": (1.0, 0.0), "offset_m": (0.0, 0.0)}
 
 
@@ -50,7 +48,11 @@ def read(folder: Path) -> Recording:
         **_survey(landmarks),
         **_calibration(_table(folder, "calibration", False)),
     }
-    with named(folder):
+    lines = dict.fromkeys(("pose_of", "ranges", "label_probabilities"), ranges.rows)
+    lines["odometry_covariances"] = odometry.rows[1:]
+    if landmarks is not None:
+        lines["landmark_means"] = landmarks.rows
+    with named(folder, lines):
         log = Log(
             odometry=motions[1:],
             odometry_covariances=covariances,
@@ -138,9 +140,6 @@ def _noise(odometry: Table) -> tuple[np.ndarray, np.ndarray]:
     correlations = np.tile(np.eye(3), (len(rho), 1, 1))
     for (i, j), column in zip(((0, 1), (0, 2), (1, 2)), rho.T, strict=True):
         correlations[:, i, j] = correlations[:, j, i] = column
-    for row, fine in zip(odometry.rows, proper(correlations), strict=True):
-        if not fine:
-            raise row.refuse("correlations must be those of a covariance")
     if rho[0].any():
         raise odometry.rows[0].refuse("a prior with correlations: a log has none")
     return sigmas[0], (correlations * sigmas[:, :, None] * sigmas[:, None, :])[1:]
@@ -165,12 +164,10 @@ def _names(landmarks: Table | None, ranges: Table) -> list[str]:
 def _ranges(ranges: Table, times: np.ndarray, names: list[str]) -> dict:
     """Fields of the log for the ranges."""
     columns = [name for name in ranges.header if name.startswith(CHANCE)]
-    sigmas = ranges.sigmas("sigma_m")
-    measured = zip(ranges.rows, ranges.cells("range_m"), sigmas, strict=True)
     found = {
         "pose_of": _pose_of(ranges, times),
-        "ranges": [row.range(cell, "range_m", sigma) for row, cell, sigma in measured],
-        "range_sigmas": sigmas,
+        "ranges": ranges.numbers(["range_m"])[:, 0],
+        "range_sigmas": ranges.sigmas("sigma_m"),
         "label_of": _numbers_of(ranges, "landmark", names),
     }
     if columns:
@@ -179,9 +176,6 @@ def _ranges(ranges: Table, times: np.ndarray, names: list[str]) -> dict:
             if name[len(CHANCE) :] not in names:
                 raise ValueError(f"{ranges.path}: column {name}: landmarks.csv has none such")
             chances[:, names.index(name[len(CHANCE) :])] = ranges.numbers([name])[:, 0]
-        for row, chance in zip(ranges.rows, chances, strict=True):
-            if chance.min() < 0 or chance.sum() > 1 + ROUNDING:
-                raise row.refuse("chances must be from 0 to 1 and sum to at most 1")
         found["label_probabilities"] = chances
     return found
 
@@ -190,11 +184,7 @@ def _pose_of(ranges: Table, times: np.ndarray) -> np.ndarray:
     """(M,) pose of each range: the one it names, or the nearest in time."""
     last = len(times) - 1
     if "pose" in ranges.header:
-        poses = ranges.numbers(["pose"])[:, 0]
-        for row, pose in zip(ranges.rows, poses, strict=True):
-            if pose % 1 or not 0 <= pose <= last:
-                raise row.refuse(f"pose is {pose:g}: it must be an integer from 0 to {last}")
-        return poses.astype(int)
+        return ranges.numbers(["pose"])[:, 0]
     if "time_s" not in ranges.header:
         raise ValueError(f"{ranges.path}: it must have a column time_s or pose")
     when = ranges.numbers(["time_s"])[:, 0]
@@ -220,9 +210,6 @@ def _survey(landmarks: Table | None) -> dict:
     if landmarks is None:
         return {}
     surveyed = landmarks.numbers(["x_m", "y_m", "sigma_m"], empty=True)
-    for row, sigma in zip(landmarks.rows, surveyed[:, 2], strict=True):
-        if not np.isnan(sigma):
-            row.sigma(landmarks.cells_of(row, "sigma_m"), "sigma_m")
     return {"landmark_means": surveyed[:, :2], "landmark_sigmas": surveyed[:, 2]}
 
 

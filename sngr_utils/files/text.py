@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from sngr_utils.world.checks import LARGEST, SMALLEST
-from sngr_utils.world.log import MEASURABLE, measurable
 
 LONGEST_LINE = 1_000_000  # characters
 LARGEST_FILE = 2**29  # bytes
@@ -67,18 +66,6 @@ class Line:
         if value < SMALLEST**power:
             raise self.refuse(f"{what} is {_shown(field)}: it must be positive")
         return value if power == 1 else math.sqrt(value)
-
-    def range(self, field: str, what: str, sigma: float) -> float:
-        """A range that a log can have.
-
-        Raises
-        ------
-        ValueError : it is not positive, and not below zero by noise
-        """
-        value = float(self.numbers([field])[0])
-        if not measurable(value, sigma):
-            raise self.refuse(f"{what} is {_shown(field)}: {MEASURABLE}")
-        return value
 
 
 def lines(path: Path, separator: str | None = None) -> Iterator[Line]:

@@ -10,7 +10,6 @@ import numpy as np
 LARGEST, SMALLEST = 1e20, 1e-20  # a number, and a sigma
 SINGULAR = 1e-14  # the least eigenvalue of correlations that can be inverted
 SYMMETRIC = 1e-9  # of correlations, a difference of mirror images that is rounding
-PROPER = "it must be symmetric and positive definite"
 
 
 def count(name: str, value) -> int:

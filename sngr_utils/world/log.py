@@ -14,7 +14,6 @@ from sngr_utils.world import checks
 
 NO_LABEL = -1
 BY_NOISE = 5.0  # sigmas, below zero, that a short range may be measured
-MEASURABLE = "it must be positive, or below zero by noise"
 ROUNDING = 1e-9  # of chances that sum to one
 MOST_LANDMARKS, MOST_ROWS = 10**6, 2**53
 TOLD = 10  # landmarks that a warning names
@@ -206,7 +205,7 @@ def _poses(log: Log) -> dict:
     name, shape = "odometry_covariances", (steps, 3, 3)
     covariances = checks.finite(name, log.odometry_covariances, shape, True, checks.LARGEST**2)
     each = covariances[:1] if np.ndim(log.odometry_covariances) == 2 else covariances
-    checks.refuse(name, each, ~checks.proper(each), checks.PROPER)
+    checks.refuse(name, each, ~checks.proper(each), "it must be symmetric and positive definite")
     times = np.arange(steps + 1.0) if log.times is None else log.times
     times = checks.finite("times", times, (steps + 1,))
     back = np.append(False, np.diff(times) < 0)
@@ -254,8 +253,8 @@ def _ranges(log: Log) -> dict:
         "label_of": checks.indices("label_of", log.label_of, m, NO_LABEL, k - 1),
         "row_of": checks.indices("row_of", rows, m, 0, MOST_ROWS),
     }
-    bad = ~measurable(found["ranges"], found["range_sigmas"])
-    checks.refuse("ranges", found["ranges"], bad, MEASURABLE)
+    bad = (found["ranges"] == 0) | (found["ranges"] < -BY_NOISE * found["range_sigmas"])
+    checks.refuse("ranges", found["ranges"], bad, "it must be positive, or below zero by noise")
     if log.label_probabilities is not None:
         chances = checks.finite("label_probabilities", log.label_probabilities, (m, k))
         bad = (chances < 0).any(axis=1) | (chances.sum(axis=1) > 1 + ROUNDING)
@@ -264,11 +263,6 @@ def _ranges(log: Log) -> dict:
         found["label_probabilities"] = chances
     order = np.argsort(found["pose_of"], kind="stable")
     return {name: value[order] for name, value in found.items()}
-
-
-def measurable(ranges: np.ndarray, sigmas: np.ndarray) -> np.ndarray:
-    """(M,) bool, whether ranges are positive, or below zero by noise alone."""
-    return (ranges != 0) & (ranges >= -BY_NOISE * sigmas)
 
 
 def _calibration(log: Log) -> dict:

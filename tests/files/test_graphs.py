@@ -141,7 +141,7 @@ PYFG_BAD = [
     ("A10 L2 3.5", "A10 A2 3.5", ":2: a range between poses"),
     ("A10 L2 3.5", "A10 L3 3.5", ":2: L3 is no landmark"),
     ("A10 L2 3.5", "A3 L2 3.5", ":2: A3 is no pose"),
-    ("L2 3.5 0.25", "L2 -3.5 0.25", ":2: a range is '-3.5'"),
+    ("L2 3.5 0.25", "L2 -3.5 0.25", ":2: ranges[0] is -3.5: it must be positive, or below zero"),
     ("L2 3.5 0.25", "L2 3.5 0", ":2: a variance is '0'"),
     ("L2 3.5 0.25", "L2 nan 0.25", ":2: 'nan' is not a finite number"),
     ("L2 3.5 0.25", "L2 1e400 0.25", ":2: '1e400' is beyond"),
@@ -151,13 +151,13 @@ PYFG_BAD = [
     ("EDGE_SE2 1.0 A2 A10", "EDGE_SE2 1.0 A1 A10", ":7: from A1 to A10"),
     ("EDGE_SE2 1.0 A2 A10 1.0 0.1 0.2 0.04 0.001 0.002 0.05 0.003 0.06\n", "", "from A2 to A10"),
     ("EDGE_SE2 1.0 A2 A10 1", "EDGE_SE2 1.0 A1 A2 1", ":8: ('A1', 'A2') again: first in line 7"),
-    ("0.04 0.001 0.002 0.05", "0.04 1.0 0.002 0.05", ":7: the covariance: it must be symm"),
+    ("0.04 0.001 0.002 0.05", "0.04 1.0 0.002 0.05", ":7: odometry_covariances[1] is"),
     ("PRIOR 0.0 A1", "PRIOR 0.0 A2", ":11: a prior on A2"),
     ("0.09 0.0 0.09", "0.09 0.0 0.08", ":12: a prior on a landmark must be alike"),
     ("0.09 0.0 0.09", "0.09 0.01 0.09", ":12: a prior with correlations"),
     ("VERTEX_XY L1", "EDGE_SE2_XY 0.0 A1 L1", ":9: EDGE_SE2_XY: a landmark seen in x and y"),
     ("VERTEX_XY L1", "FIX L1", ":9: 'FIX' is no kind of line"),
-    ("VERTEX_SE2 0.0 A1", "VERTEX_SE2 9.0 A1", "times[1] is 1.: time must not go back"),
+    ("VERTEX_SE2 0.0 A1", "VERTEX_SE2 9.0 A1", ":5: times[1] is 1.: time must not go back"),
     ("VERTEX_SE2 0.0 A1", "VERTEX_SE2 0.0 1", ":4: '1' is not a name"),
 ]  # fmt: skip
 
@@ -183,7 +183,7 @@ FG_BAD = [
     ("Variable Landmark R2 L1", "Variable Landmark R3 L1", ":3: a variable must be"),
     ("Factor SE2R2Range", "Factor SE3R3Range", ":7: a factor 'SE3R3RangeGaussian"),
     ("Factor SE2R2Range", "Fact SE2R2Range", ":7: 'Fact' is no kind of line"),
-    (".0001 .0004", ".0002 .0004", ":6: the covariance: it must be symm"),
+    (".0001 .0004", ".0002 .0004", ":6: odometry_covariances[0] is"),
     ("covariance .04", "variance .04", ":6: after the names"),
 ]
 

@@ -104,8 +104,13 @@ BAD = [
     ("odometry", "11.0,1.0,0.0", "11.0,inf,0.0", "odometry.csv:3: dx_m: 'inf' is not a finite"),
     ("odometry", "0.2,0.3,0.01", "0.2,0,0.01", "odometry.csv:3: sigma_y_m is '0'"),
     ("odometry", "\n12.0", "\n9.0", "odometry.csv:4: time must not go back"),
-    ("ranges", "3.0, 0.5", "-3.0, 0.5", "ranges.csv:2: range_m is '-3.0'"),
-    ("ranges", "3.0, 0.5", "0, 0.5", "ranges.csv:2: range_m is '0'"),
+    (
+        "ranges",
+        "3.0, 0.5",
+        "-3.0, 0.5",
+        "ranges.csv:2: ranges[0] is -3.: it must be positive, or bel",
+    ),
+    ("ranges", "3.0, 0.5", "0, 0.5", "ranges.csv:2: ranges[0] is 0.: it must be positive, or belo"),
     ("ranges", "landmark", "landmark, landmark", "ranges.csv:1: column landmark stands there twi"),
     ("ranges", ", b", ', "b', "ranges.csv:2: unexpected end of data"),
     ("ranges", ", b", ', "b"c', "ranges.csv:2: ',' expected after '\"'"),
@@ -121,7 +126,7 @@ BAD = [
     ("ranges", "11.6", "19.6", "ranges.csv:2: time_s is 19.6"),
     ("ranges", "time_s, ", "", "ranges.csv:2: 4 cells: the header has 3"),
     ("ranges", ", b", ", b; c", None),
-    ("landmarks", "c,,,", "c,1.0,1.0,0", "landmarks.csv:4: sigma_m is '0'"),
+    ("landmarks", "c,,,", "c,1.0,1.0,0", "landmarks.csv:4: landmark_means[2] is [1. 1.]: give a"),
     ("landmarks", "c,,,", "c,1.0,,", "landmarks.csv:4: y_m: '' is not a finite number"),
     ("landmarks", "c,,,", "a,,,", "landmarks.csv:3: landmark 'a'"),
     ("landmarks", "a,4.0", "d,4.0", "ranges.csv:3: landmark 'a': landmarks.csv has none such"),
@@ -147,7 +152,11 @@ def test_tables_name_line_and_reason(tmp_path, table, old, new, why):
     ("table", "text", "why"),
     [
         ("calibration", "quantity,mean,sigma\nscale,1,0\nscale,2,0\n", "calibration.csv:2: quant"),
-        ("ranges", RANGES_WITH_CHANCES, "ranges.csv:3: chances must be"),
+        (
+            "ranges",
+            RANGES_WITH_CHANCES,
+            "ranges.csv:3: label_probabilities[1] is [0.6 0.6]: chances",
+        ),
     ],
 )
 def test_what_contradicts_itself_is_refused_by_line(tmp_path, table, text, why):
@@ -219,7 +228,9 @@ def test_a_table_that_may_be_missing_is_not_missing_if_its_link_leads_nowhere(tm
 def test_correlations_must_be_those_of_a_covariance(tmp_path):
     rows = ODOMETRY.splitlines()
     text = [rows[0] + ",rho_xy", rows[1] + ",0", rows[2] + ",1.5", rows[3] + ",0.5"]
-    with pytest.raises(ValueError, match=r"odometry.csv:3: correlations"):
+    with pytest.raises(
+        ValueError, match=r"odometry.csv:3: odometry_covariances\[0\] is .* positive definite"
+    ):
         formats.read(folder_of(tmp_path, odometry="\n".join(text)))
     text[2] = rows[2] + ",0.5"
     log = formats.read(folder_of(tmp_path, odometry="\n".join(text))).log
