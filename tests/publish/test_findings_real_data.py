@@ -5,6 +5,9 @@ import pytest
 from scipy import stats
 
 from sngr_utils import real_data
+from sngr_utils.experiments import real_stretch
+from sngr_utils.slam.landmark_starts import start_landmarks
+from sngr_utils.world.dead_reckoning import dead_reckoning
 
 BATCH, ONLINE = real_data.study("plaza"), real_data.study("plaza_online")
 OURS = BATCH[BATCH["method"] == "growing_map"]
@@ -111,6 +114,19 @@ def test_ranges_scatter_like_white_gaussian_noise(name):
     for lag in (1, 2, 5, 10):
         mine = [left[log.label_of == k] for k in range(log.n_landmarks)]
         assert abs(np.mean([np.corrcoef(x[lag:], x[:-lag])[0, 1] for x in mine])) < 0.1
+
+
+@pytest.mark.parametrize("name", real_data.OTHER)
+def test_eigenvalues_call_degenerate_what_is_not_ambiguous(name):
+    """A scan of one range always; a window of ten poses hardly ever, while a mirror image stands."""
+    log, n = real_data.calibrated(name).first(300), 100
+    poses = dead_reckoning(log.x0_mean, log.odometry)
+    radios = start_landmarks(log, poses, "grid")
+    assert real_stretch.degenerate(log, poses, radios, 1).mean() > 0.9
+    assert real_stretch.degenerate(log.first(n), poses[:n], radios, 10).mean() < 0.1
+    gaps = real_data.mirror_gaps(name).groupby("poses")["gap"].min()
+    assert (gaps[gaps.index <= n] < 3).all()
+    assert (gaps[gaps.index >= 130] > 10).all()
 
 
 def test_nested_sampling_is_hardly_asked_and_adds_nothing():
