@@ -21,6 +21,7 @@ from sngr_utils.world.dead_reckoning import dead_reckoning, dead_reckoning_varia
 from sngr_utils.world.log import Log
 
 FREE = Conventions(landmark_prior_sigma=1e3)  # m: nothing is known of a landmark
+USUAL = estimator.Settings()
 LOPSIDED = 10.0  # times the information in one direction that there is in the other
 ELSEWHERE = 2.0  # m from its place in another map: a landmark that makes it another map
 
@@ -50,7 +51,7 @@ class Stretch:
 
 
 def drive(
-    log: Log, settings: estimator.Settings, *, rng: np.random.Generator
+    log: Log, settings: estimator.Settings = USUAL, *, rng: np.random.Generator
 ) -> tuple[estimator.OnlineEstimate, np.ndarray]:
     """The online estimator on a log, and (T-1,) the CPU time of each step, [s]."""
     online = estimator.Online(log.first(1), PRESETS[READING], settings, rng=rng)

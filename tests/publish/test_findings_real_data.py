@@ -118,7 +118,7 @@ def test_ranges_scatter_like_white_gaussian_noise(name):
 
 @pytest.mark.parametrize("name", real_data.OTHER)
 def test_eigenvalues_call_degenerate_what_is_not_ambiguous(name):
-    """A scan of one range always; a window of ten poses hardly ever, while a mirror image stands."""
+    """A scan of one range nearly always; ten poses hardly ever, while a mirror image stands."""
     log, n = real_data.calibrated(name).first(300), 100
     poses = dead_reckoning(log.x0_mean, log.odometry)
     radios = start_landmarks(log, poses, "grid")
