@@ -163,6 +163,8 @@ def test_dives_are_foretold_to_a_metre_and_their_noise_has_heavy_tails():
     gained = dives["median"] - dives["median_huber"]
     assert gained.between(0, dives["median_error"]).all()
     assert (dives["beacons_rmse"] > 4).all()
+    assert dives.loc["goats_16", "too_long"] == 1  # of more than 15; by chance one in 3e4
+    assert dives.loc["goats_16", "seen_far"] > 15
     for name, n_beacons in (("goats_15", 3), ("goats_16", 4)):
         longest = [
             np.sqrt(np.linalg.eigvalsh(_covariance(dives.loc[name], k))[-1])
