@@ -109,12 +109,11 @@ def drive(config: Config, name: str) -> Stretch:
     import numpy as np
 
     from sngr_utils.experiments import real_data, real_online, real_stretch
-    from sngr_utils.online.estimator import Settings
 
     rng = np.random.default_rng(config.seed)
     log, truth = real_data.changed(recording(name), "labels", config.p, rng=rng)
     log = real_online.handed(log, found_in(OTHER[name])).first(config.n_poses)
-    found, seconds = real_stretch.drive(log, Settings(), rng=rng)
+    found, seconds = real_stretch.drive(log, rng=rng)
     sources, there = truth.source_of[: len(log.ranges)], truth.poses[: log.n_poses, :2]
     return real_stretch.Stretch(log, there, truth.landmarks, sources, found, seconds)
 

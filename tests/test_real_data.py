@@ -12,7 +12,6 @@ from sngr_utils import real_data
 from sngr_utils.experiments import real_data as real_experiments
 from sngr_utils.experiments import real_online, real_peers, real_stretch
 from sngr_utils.metrics import alignment
-from sngr_utils.online import estimator
 from sngr_utils.publish import report
 from sngr_utils.show import real_data as show
 from sngr_utils.world import simulation
@@ -126,7 +125,7 @@ def test_parameters_that_cannot_be_are_refused_by_name(bad):
 
 def test_tables_and_figures(small, tmp_path):
     world, log = small
-    found, seconds = real_stretch.drive(log, estimator.Settings(), rng=np.random.default_rng(0))
+    found, seconds = real_stretch.drive(log, rng=np.random.default_rng(0))
     places = world.poses[:, :2], world.landmarks
     stretch = real_stretch.Stretch(log, *places, world.source_of, found, seconds)
     driven = ONLINE[(ONLINE["kind"] == "labels") & (ONLINE["method"] == "online")]

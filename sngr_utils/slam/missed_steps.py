@@ -54,21 +54,19 @@ def find(chain: Chain, at: State) -> Missed:
     scores = _times(whiten, residuals).ravel()
     shares = 1 - np.diagonal(whiten @ spread @ whiten.swapaxes(1, 2), 0, 1, 2).ravel()
     back = noise_estimation.carried(relative_motion(found.poses))
-    missed, columns = [], np.empty((0, scores.size))
-    poses, calibration = (
-        np.empty((0, *found.poses.shape)),
-        np.empty((0, (chain.columns >= 0).sum())),
-    )
+    missed, columns, ways, borders = [], np.empty((0, scores.size)), [], []
     while (worst := _worst(scores, shares, columns, missed)) is not None:
         way, border = _way(chain, at, back, roots, worst)
         seen = _times(whiten, way[1:] - _times(back, way[:-1])).ravel()
-        missed = [*missed, worst]
+        missed.append(worst)
         columns = np.vstack([columns, (np.arange(scores.size) == worst) - seen])
-        poses = np.concatenate([poses, way[None]])
-        calibration = np.vstack([calibration, border[found.landmarks.size :]])
+        ways.append(way)
+        borders.append(border[found.landmarks.size :])
     among = np.linalg.inv(columns[:, missed])
     variances = np.maximum((among @ scores[missed]) ** 2 - np.diagonal(among), 0.0)
-    sigmas = np.sqrt(variances)[:, None]
+    sigmas, n = np.sqrt(variances)[:, None], len(missed)
+    poses = np.reshape(ways, (n, *found.poses.shape))
+    calibration = np.reshape(borders, (n, np.count_nonzero(chain.columns >= 0)))
     return Missed(sigmas[:, :, None] * poses, sigmas * calibration)
 
 
@@ -92,8 +90,10 @@ def _worst(
     return int(np.argmax(sizes)) if sizes.max(initial=0.0) > limit and len(missed) < MOST else None
 
 
-def _way(chain: Chain, at: State, back: np.ndarray, roots: np.ndarray, error: int) -> np.ndarray:
-    """(T, 3) how the estimate moves with an error of a step by one sigma of its noise."""
+def _way(
+    chain: Chain, at: State, back: np.ndarray, roots: np.ndarray, error: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """How the poses (T, 3) and the border move with an error of a step by a sigma of its noise."""
     step, along = divmod(error, 3)
     system = chain_cost.linearise(chain, LEAST_SQUARES, at)
     pull = chain.step_information[step] @ roots[step][:, along]

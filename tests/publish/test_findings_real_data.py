@@ -5,6 +5,9 @@ import pytest
 from scipy import stats
 
 from sngr_utils import real_data
+from sngr_utils.experiments import real_stretch
+from sngr_utils.slam.landmark_starts import start_landmarks
+from sngr_utils.world.dead_reckoning import dead_reckoning
 
 BATCH, ONLINE = real_data.study("plaza"), real_data.study("plaza_online")
 OURS = BATCH[BATCH["method"] == "growing_map"]
@@ -113,6 +116,19 @@ def test_ranges_scatter_like_white_gaussian_noise(name):
         assert abs(np.mean([np.corrcoef(x[lag:], x[:-lag])[0, 1] for x in mine])) < 0.1
 
 
+@pytest.mark.parametrize("name", real_data.OTHER)
+def test_eigenvalues_call_degenerate_what_is_not_ambiguous(name):
+    """A scan of one range nearly always; ten poses hardly ever, while a mirror image stands."""
+    log, n = real_data.calibrated(name).first(300), 100
+    poses = dead_reckoning(log.x0_mean, log.odometry)
+    radios = start_landmarks(log, poses, "grid")
+    assert real_stretch.degenerate(log, poses, radios, 1).mean() > 0.9
+    assert real_stretch.degenerate(log.first(n), poses[:n], radios, 10).mean() < 0.1
+    gaps = real_data.mirror_gaps(name).groupby("poses")["gap"].min()
+    assert (gaps[gaps.index <= n] < 3).all()
+    assert (gaps[gaps.index >= 130] > 10).all()
+
+
 def test_nested_sampling_is_hardly_asked_and_adds_nothing():
     asked = DRIVEN[["landmark_samples", "position_samples"]].sum(axis=1)
     assert (asked[DRIVEN["p"] <= 0.4] == 0).all()
@@ -147,6 +163,8 @@ def test_dives_are_foretold_to_a_metre_and_their_noise_has_heavy_tails():
     gained = dives["median"] - dives["median_huber"]
     assert gained.between(0, dives["median_error"]).all()
     assert (dives["beacons_rmse"] > 4).all()
+    assert dives.loc["goats_16", "too_long"] == 1  # of more than 15; by chance one in 3e4
+    assert dives.loc["goats_16", "seen_far"] > 15
     for name, n_beacons in (("goats_15", 3), ("goats_16", 4)):
         longest = [
             np.sqrt(np.linalg.eigvalsh(_covariance(dives.loc[name], k))[-1])
