@@ -120,12 +120,16 @@ def _from(
 
 
 def batch(
-    log: Log, conventions: Conventions, method: str, start: losses.Estimate
+    log: Log,
+    conventions: Conventions,
+    method: str,
+    start: losses.Estimate,
+    clutter: bool = False,
 ) -> em.SoftEstimate | chain_solver.Estimate:
-    """What a method that takes all data at once makes of a log."""
+    """What a method that takes all data at once makes of a log; EM may admit clutter."""
     if method in ("em", "em_exclusive"):
         exclusive = method == "em_exclusive"
-        return em.fit(log, conventions, start, exclusive=exclusive, clutter=False)
+        return em.fit(log, conventions, start, exclusive=exclusive, clutter=clutter)
     if method == "switchable":
         return switchable_constraints.solve(log, conventions, start)[0]
     if method.startswith("max_mixture_"):

@@ -16,8 +16,6 @@ from sngr_utils.experiments import estimators
 from sngr_utils.experiments.online_variants import run_unwarned
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.online import estimator, rivals
-from sngr_utils.online.belief import LOOSE, TURNED
-from sngr_utils.robust import em
 from sngr_utils.slam import chain_problem, chain_solver, landmark_starts
 from sngr_utils.slam.chain_solver import CERES
 from sngr_utils.slam.conventions import PRESETS, Conventions
@@ -168,13 +166,9 @@ def _peers(log: Log, conventions: Conventions) -> dict[str, np.ndarray]:
     """(T, 3) poses of each of `PEERS`, from dead reckoning and a grid; EM admits clutter."""
     poses = dead_reckoning.dead_reckoning(log.x0_mean, log.odometry)
     start = poses, landmark_starts.start_landmarks(log, poses, "grid")
-    found = {
-        peer: estimators.batch(log, conventions, peer, start).poses
-        for peer in PEERS
-        if peer != "em_exclusive"
+    return {
+        peer: estimators.batch(log, conventions, peer, start, clutter=True).poses for peer in PEERS
     }
-    soft = em.fit(log, conventions, start, exclusive=True, clutter=True)
-    return {**found, "em_exclusive": soft.poses}
 
 
 def _landmarks(world: World, conventions: Conventions, found, best) -> dict:
@@ -216,18 +210,9 @@ def from_truth(world: World, sound: World, conventions: Conventions) -> rivals.R
     place, or is less likely, the data mislead.
     """
     log = world.log(conventions.x0_sigmas)
-    longest, told = log.ranges.max(), log.odometry_covariances
-    wide = told.copy()
-    wide[(world.odometry != sound.odometry).any(axis=1)] = np.diag([
-        longest**2,
-        longest**2,
-        TURNED**2,
-    ])
-    loose = conventions.model_copy(update={"landmark_prior_sigma": LOOSE * longest})
-    start = world.poses, world.landmarks
-    log = log.with_covariances(wide)
-    found = em.fit(log, loose, start, exclusive=True, clutter=True, widest=1.0)
-    return rivals.rival(log, told, found)
+    told, missed = log.odometry_covariances, (world.odometry != sound.odometry).any(axis=1)
+    log, start = rivals.distrusting(log, missed), (world.poses, world.landmarks)
+    return rivals.rival(log, told, rivals.by_em(log, conventions, start, 1.0))
 
 
 def oracle(

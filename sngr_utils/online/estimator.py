@@ -285,11 +285,8 @@ class Online:
             belief.shorten()
 
     def _fit(self, log: Log, start: tuple[np.ndarray, np.ndarray], widest: float):
-        """EM over a log. Weak priors are wider than the scene: they are no data."""
-        wide = max(self.conventions.landmark_prior_sigma, LOOSE * self.belief.longest)
-        loose = self.conventions.model_copy(update={"landmark_prior_sigma": wide})
-        exclusive = self.settings.exclusive
-        return em.fit(log, loose, start, exclusive=exclusive, clutter=True, widest=widest)
+        """EM over a log, see `rivals.by_em`."""
+        return rivals.by_em(log, self.conventions, start, widest, self.settings.exclusive)
 
     def _adopt(self, log: Log, told: np.ndarray, found: em.SoftEstimate) -> None:
         """Believe an estimate of the whole; a landmark placed from few poses is not initialised."""
@@ -315,11 +312,14 @@ class Online:
         graph_poses = belief.whole()[2]
         best, gap = self._stand_against_rivals()
         ours, (log, told, poses, used) = best.found, belief.whole()
-        calibrated = self.calibration
+        calibrated, cost_of_it, asked = self.calibration, best.cost, log
         if calibrated.open:
-            ours = self._fit(calibrated.opened(log), (poses, belief.landmarks), 1.0)
+            asked = calibrated.opened(log)
+            ours = self._fit(asked, (poses, belief.landmarks), 1.0)
             calibrated = calibrated.after(ours.calibration)
             log = calibration.of(log).after(ours.calibration).corrected(log)
+            cost_of_it = rivals.rival(log, told, ours).cost
+            cost_of_it += len(log.ranges) * np.log(calibrated.scale)  # of ranges as measured
         landmarks, covariances = ours.landmarks, ours.position_covariances
         if self.settings.soft:
             poses = ours.poses
@@ -341,7 +341,7 @@ class Online:
             poses, landmarks, own, in_doubt, graph_poses, used,
             covariances, np.array([calibrated.scale, calibrated.offset]),
             wrong, ours.shares.clutter, np.array(self.filtered),
-            belief.counts, diagnosis.diagnose(log, told, ours, gap), best.cost,
+            belief.counts, diagnosis.diagnose(asked, told, ours, gap), cost_of_it,
         )  # fmt: skip
         if found.diagnosis.doubtful:
             warnings.warn("; ".join(found.diagnosis.reasons), DoubtWarning, stacklevel=3)

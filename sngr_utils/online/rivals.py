@@ -13,10 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from sngr_utils.online import relocalisation, slips
-from sngr_utils.online.belief import TURNED, cost
+from sngr_utils.online.belief import LOOSE, TURNED, cost
 from sngr_utils.robust import diagnosis, em, growing_map, mirrors
 from sngr_utils.robust.em import SoftEstimate
 from sngr_utils.slam import landmark_starts
+from sngr_utils.slam.conventions import Conventions
 from sngr_utils.world.dead_reckoning import dead_reckoning
 from sngr_utils.world.log import NO_LABEL, Log
 
@@ -44,6 +45,23 @@ class Rival(NamedTuple):
 def cost_of(log: Log, found: SoftEstimate) -> float:
     """Minus the log evidence of what EM has found, roughly, [nats]."""
     return cost(log, found.poses, found.landmarks, found.shares)
+
+
+def by_em(
+    log: Log, conventions: Conventions, start: tuple[np.ndarray, np.ndarray], widest: float,
+    exclusive: bool = True,
+) -> SoftEstimate:  # fmt: skip
+    """EM with clutter, weak priors on landmarks wider than the scene: they are no data."""
+    wide = max(conventions.landmark_prior_sigma, LOOSE * log.ranges.max(initial=0.0))
+    loose = conventions.model_copy(update={"landmark_prior_sigma": wide})
+    return em.fit(log, loose, start, exclusive=exclusive, clutter=True, widest=widest)
+
+
+def distrusting(log: Log, steps: np.ndarray | int) -> Log:
+    """The log with steps of its odometry that may be anything, in a scene of its ranges' size."""
+    longest, wide = log.ranges.max(initial=0.0), log.odometry_covariances.copy()
+    wide[steps] = np.diag([longest**2, longest**2, TURNED**2])
+    return log.with_covariances(wide)
 
 
 def blind(log: Log, fit: Fit, poses: np.ndarray, known: np.ndarray) -> SoftEstimate:
@@ -160,11 +178,8 @@ def with_a_slip(log: Log, fit: Fit, everywhere: bool) -> list[Rival]:
             continue
         early, late, places = paths
         for step in steps:
-            wide = told.copy()
-            wide[step] = np.diag([longest**2, longest**2, TURNED**2])
-            slipped = log.with_covariances(wide)
-            start = np.vstack([early[: step + 1], late[step + 1 :]])
-            found.append(rival(slipped, told, fit(slipped, (start, places), growing_map.LAST)))
+            torn, start = distrusting(log, step), np.vstack([early[: step + 1], late[step + 1 :]])
+            found.append(rival(torn, told, fit(torn, (start, places), growing_map.LAST)))
     return found
 
 

@@ -56,7 +56,8 @@ def elsewhere(one: SoftEstimate, other: SoftEstimate) -> np.ndarray:
     """(K,) bool, landmarks that two estimates have in different places, or only one has."""
     places = np.linalg.norm(one.landmarks - other.landmarks, axis=1)
     absent = np.isnan(one.landmarks[:, 0]) != np.isnan(other.landmarks[:, 0])
-    return absent | (places > APART * np.median(one.chain.sigmas))
+    sigma = np.median(one.chain.sigmas) if len(one.chain.sigmas) else 0.0
+    return absent | (places > APART * sigma)
 
 
 def differ(one: SoftEstimate, other: SoftEstimate, sure: np.ndarray) -> bool:

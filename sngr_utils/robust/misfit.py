@@ -47,7 +47,9 @@ def worst(log: Log, found: SoftEstimate) -> Misfit:
     """The least likely one of at least `LEAST_SIZE`, with the p-value of the worst of so many."""
     asked = misfits(log, found)
     large = [one for one in asked if abs(one.size) >= LEAST_SIZE]
-    least = min(large, key=lambda one: one.p_value, default=NONE)
+    if not large:
+        return NONE
+    least = min(large, key=lambda one: one.p_value)
     return least._replace(p_value=min(1.0, least.p_value * len(asked)))
 
 

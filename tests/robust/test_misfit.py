@@ -84,4 +84,6 @@ def test_without_ranges_or_steps_nothing_is_asked():
     world, log = drawn(100)
     for part in (log.first(1), log.keep(np.zeros(len(log.ranges), dtype=bool))):
         found = replace(fit(log, world), chain=fit(part, world.first(part.n_poses)).chain)
-        assert misfit.misfits(part, replace(found, weights=found.weights[: len(part.ranges)])) == []
+        found = replace(found, weights=found.weights[: len(part.ranges)])
+        assert misfit.misfits(part, found) == []
+        assert misfit.worst(part, found) == misfit.NONE
