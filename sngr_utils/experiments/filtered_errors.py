@@ -1,6 +1,5 @@
 """Like against like: each pose when it was the newest, beside what the oracle knew of it then."""
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -11,8 +10,8 @@ from sngr_utils.experiments import estimators
 from sngr_utils.experiments.many_worlds import map_worlds
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.slam.conventions import Conventions
-from sngr_utils.world import simulation
-from sngr_utils.world.log import LogWarning
+from sngr_utils.slam.landmark_starts import start_landmarks
+from sngr_utils.world import dead_reckoning, simulation
 from sngr_utils.world.scenario import Scenario
 
 
@@ -36,15 +35,15 @@ def run(
 def _of_one(scenario, conventions, p, seed) -> list[dict]:
     the_world = simulation.simulate(scenario, p, rng=np.random.default_rng(seed))
     true = replace(the_world, label_of=the_world.source_of)
-    start, rng, rows = estimators.REFERENCE_START, np.random.default_rng(seed), []
+    poses, rows = dead_reckoning.dead_reckoning(the_world.x0_mean, the_world.odometry), []
     for name, method, given in (
         (estimators.BATCH, estimators.BATCH, the_world), ("oracle", "least_squares", true),
     ):  # fmt: skip
-        newest = [the_world.x0_mean]
-        for n in range(2, the_world.n_poses + 1):
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", LogWarning)  # of landmarks that no label names yet
-                found = estimators.estimate(given.first(n), conventions, method, start, rng=rng)
+        log, newest = given.log(conventions.x0_sigmas), [the_world.x0_mean]
+        for n in range(2, log.n_poses + 1):
+            part = log.first(n)
+            start = start_landmarks(part, poses[:n], estimators.REFERENCE_START)
+            found = estimators.batch(part, conventions, method, (poses[:n], start))
             newest.append(found.poses[-1])
         rmse = rmse_and_nees.rmse(np.array(newest)[:, :2], the_world.poses[:, :2])
         rows.append({"method": name, "p": p, "seed": seed, "filtered_rmse": rmse})

@@ -5,7 +5,9 @@ window are kept as they were then, and speak through `window.Past` only. Just ov
 300 lines: one class, whose parts share its state.
 """
 
+import operator
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,6 +75,8 @@ class Belief:
         self.past = window.nothing(first.n_landmarks)
         self.longest = float(first.ranges.max(initial=0.0))
         self.counts: Counter = Counter()
+        self._asked_at: tuple = (None,) * 5
+        self._found: dict = {}
 
     @property
     def n_poses(self) -> int:
@@ -117,7 +121,7 @@ class Belief:
 
     def move_newest(self, poses: np.ndarray, used: np.ndarray) -> None:
         """The last poses elsewhere, (N, 3) [m, m, rad], and all ranges assigned so."""
-        self.poses[-len(poses) :] = poses
+        self.poses = np.vstack([self.poses[: -len(poses)], poses])
         self.assignment = Assignment(used, self.assignment.weights)
 
     def distrust(self, steps: np.ndarray, turned: bool) -> None:
@@ -140,22 +144,27 @@ class Belief:
     def use(self, used: np.ndarray) -> bool:
         """Assign ranges so, and estimate anew if that has changed anything; has it?"""
         changed = not np.array_equal(used, self.assignment.used)
-        self.assignment = Assignment(used, self.assignment.weights)
         if changed:
+            self.assignment = Assignment(used, self.assignment.weights)
             self.solve()
         return changed
 
     def insert(self, k: int, position: np.ndarray, used: np.ndarray) -> None:
         """Start landmark k, with the ranges that `used` assigns to it."""
-        self.landmarks[k] = position
+        self._place(k, position)
         self.assignment = Assignment(used, self.assignment.weights)
         self.solve()
 
     def remove(self, k: int) -> None:
         """Take out landmark k with its ranges."""
-        self.landmarks[k], self.in_doubt[k] = np.nan, False
+        self._place(k, np.full(2, np.nan))
+        self.in_doubt[k] = False
         self.past = window.without(self.past, k)
         self.use(np.where(self.assignment.used == k, DROPPED, self.assignment.used))
+
+    def _place(self, k: int, position: np.ndarray) -> None:
+        self.landmarks = self.landmarks.copy()
+        self.landmarks[k] = position
 
     def solve(self) -> None:
         """Estimate the window anew, ranges taken as they are assigned."""
@@ -255,6 +264,9 @@ class Belief:
         ----------
         anchored : given the first pose, so that what all places err by in common is left out
         """
+        return self._once(("covariance", anchored), lambda: self._covariance(anchored))
+
+    def _covariance(self, anchored: bool) -> selected_inverse.ChainCovariance:
         chain = self._chain(self.log, self.poses, self.landmarks, self.assignment.used, self.n_left)
         at = chain_solver.state_of(chain, self.poses, self.landmarks)
         window.cost(chain, self.past, at)
@@ -264,13 +276,23 @@ class Belief:
         joint = selected_inverse.eliminate_poses(system, len(self.landmarks))
         return selected_inverse.conclude(system, joint, self.landmarks)
 
-    def innovations(
-        self, covariance: selected_inverse.ChainCovariance
-    ) -> data_association.Innovations:
-        """Innovations of all ranges of the window at the estimate that has `covariance`."""
-        return data_association.innovations(
-            self.log, self.poses, self.landmarks, self.assignment.used, covariance
-        )
+    def innovations(self, anchored: bool = False) -> data_association.Innovations:
+        """Innovations of all ranges of the window at the estimate, by its `covariance`."""
+        return self._once(("innovations", anchored), lambda: data_association.innovations(
+            self.log, self.poses, self.landmarks, self.assignment.used, self.covariance(anchored)
+        ))  # fmt: skip
+
+    def _once(self, what: tuple, compute: Callable):
+        """What `compute` finds at this very estimate; computed anew only when that has changed.
+
+        So nothing of the estimate is ever changed in place.
+        """
+        at = self.log, self.poses, self.landmarks, self.assignment.used, self.past
+        if not all(map(operator.is_, at, self._asked_at)):
+            self._asked_at, self._found = at, {}
+        if what not in self._found:
+            self._found[what] = compute()
+        return self._found[what]
 
     def assign_fitting(
         self, m: np.ndarray, k: np.ndarray, mode: localisation.Mode, evidence: place.Evidence

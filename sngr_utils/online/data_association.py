@@ -5,14 +5,15 @@ that does not puts its whole scan in question: then all ranges of the scan are w
 all landmarks.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
 
+from sngr_utils.numerics.jit import compile_once
 from sngr_utils.robust import association, diagnosis, mutual_exclusion
 from sngr_utils.slam import selected_inverse
-from sngr_utils.slam.factors import range_derivatives
 from sngr_utils.world.log import NO_LABEL, Log
 
 GATE = stats.chi2.ppf(0.99, 1)  # squared normalised innovation that puts a range in question
@@ -75,24 +76,43 @@ def innovations(
     Source: prediction without one measurement, from the estimate with it: Cook & Weisberg,
     Residuals and Influence in Regression, 1982, section 2.2.
     """
-    distances, by_pose, ahead = range_derivatives(poses[:, None], landmarks)  # (T, K, ...)
+    at = (np.ascontiguousarray(array) for array in (
+        poses, landmarks, covariance.poses, covariance.pose_landmark, covariance.landmarks
+    ))  # fmt: skip
+    return Innovations(*_innovations(*at, log.pose_of, log.ranges, log.range_sigmas, used))
+
+
+@compile_once
+def _innovations(poses, landmarks, own, cross, joint, pose_of, ranges, sigmas, used):
+    """The fields of `innovations`; own, cross and joint are blocks of the covariance."""
     n = len(landmarks)
-    own = np.array([covariance.landmarks[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(n)])
-    cross = covariance.pose_landmark[:, :2].reshape(len(poses), 2, n, 2)
-    spread = (
-        np.einsum("tki,tij,tkj->tk", by_pose, covariance.poses[:, :2, :2], by_pose)
-        + 2 * np.einsum("tki,tikj,tkj->tk", by_pose, cross, ahead)
-        + np.einsum("tki,kij,tkj->tk", ahead, own, ahead)
-    )
-    noise = log.range_sigmas**2
-    residuals = log.ranges[:, None] - distances[log.pose_of]
-    spread = spread[log.pose_of]
-    inside = np.flatnonzero(used != DROPPED), used[used != DROPPED]
-    own_noise = noise[inside[0]]
-    without = own_noise / np.maximum(own_noise - spread[inside], 1e-3 * own_noise)
-    residuals[inside] *= without
-    spread[inside] *= without
-    return Innovations(residuals, spread + noise[:, None])
+    distances, spread = np.empty((len(poses), n)), np.empty((len(poses), n))
+    for t in range(len(poses)):
+        cos, sin = math.cos(poses[t, 2]), math.sin(poses[t, 2])
+        for k in range(n):
+            x, y = landmarks[k, 0] - poses[t, 0], landmarks[k, 1] - poses[t, 1]
+            distance = math.sqrt(x * x + y * y)
+            ahead = x / distance, y / distance
+            by_pose = -cos * ahead[0] - sin * ahead[1], sin * ahead[0] - cos * ahead[1]
+            of_pose = of_both = of_landmark = 0.0
+            for i in range(2):
+                for j in range(2):
+                    of_pose += by_pose[i] * own[t, i, j] * by_pose[j]
+                    of_both += by_pose[i] * cross[t, i, 2 * k + j] * ahead[j]
+                    of_landmark += ahead[i] * joint[2 * k + i, 2 * k + j] * ahead[j]
+            distances[t, k], spread[t, k] = distance, of_pose + 2 * of_both + of_landmark
+    residuals, variances = np.empty((len(ranges), n)), np.empty((len(ranges), n))
+    for m in range(len(ranges)):
+        noise = sigmas[m] ** 2
+        for k in range(n):
+            residuals[m, k] = ranges[m] - distances[pose_of[m], k]
+            variances[m, k] = spread[pose_of[m], k]
+            if k == used[m]:
+                without = noise / max(noise - variances[m, k], 1e-3 * noise)
+                residuals[m, k] *= without
+                variances[m, k] *= without
+            variances[m, k] += noise
+    return residuals, variances
 
 
 def decide(
@@ -119,7 +139,9 @@ def decide(
     doubtful = ~plain | (used != label_of) | (_repeated(log, plain) if exclusive else False)
     used = np.where(plain, label_of, DROPPED)
     weights = np.eye(n_landmarks + 1)[label_of]
-    asked = np.flatnonzero(np.isin(log.pose_of, log.pose_of[doubtful]))
+    in_question = np.zeros(log.n_poses, dtype=bool)
+    in_question[log.pose_of[doubtful]] = True
+    asked = np.flatnonzero(in_question[log.pose_of])
     if len(asked) == 0:
         return Assignment(used, weights)
     logs = association.log_joint(log, found.residuals, found.variances, shares)[asked]
@@ -142,7 +164,5 @@ def decide(
 def _repeated(log: Log, marked: np.ndarray) -> np.ndarray:
     """(M,) bool, the marked ranges that are not alone in their scan with their label."""
     pair = log.pose_of * log.n_landmarks + log.label_of
-    _, which, count = np.unique(
-        np.where(marked, pair, -1 - np.arange(len(pair))), return_inverse=True, return_counts=True
-    )
-    return count[which] > 1
+    counts = np.bincount(pair[marked], minlength=log.n_poses * log.n_landmarks + 1)
+    return marked & (counts[pair] > 1)

@@ -130,7 +130,8 @@ def run(
         _warn_of_repeats(log)
     online = Online(log.first(1), conventions, settings, rng=rng)
     for t in range(1, log.n_poses):
-        online.step(log.measurements(t))
+        both = log.first(t + 1).after(t - 1)
+        online.take(both.keep(both.pose_of == 1))  # which needs no second check
         if watch:
             watch(online.belief)
     return online.result()
@@ -179,8 +180,12 @@ class Online:
         ------
         ValueError : naming field and row, see `Log`
         """
+        self.take(self.belief.log.following(measurements))
+
+    def take(self, new: Log) -> None:
+        """`step`, `new` being the log of the pose before and of the next one, with its ranges."""
         belief, settings = self.belief, self.settings
-        belief.predict(belief.log.following(self.calibration.corrected(measurements)))
+        belief.predict(self.calibration.corrected(new))
         turn_over(belief)
         if settings.doubt_odometry:
             slips.find_robot(belief, settings.nested, rng=self.rng)
@@ -207,7 +212,7 @@ class Online:
         belief, settings = self.belief, self.settings
         if not belief.present.any() or len(belief.log.ranges) == 0:
             return
-        found = belief.innovations(belief.covariance())
+        found = belief.innovations()
         assignment = data_association.decide(
             belief.log,
             found,
@@ -228,8 +233,9 @@ class Online:
         """Shares of wrong labels and of clutter, from ranges labelled with what is in the map."""
         belief = self.belief
         judged = (belief.log.label_of >= 0) & belief.present[belief.log.label_of]
+        log = belief.log if judged.all() else belief.log.keep(judged)
         shares = association.estimate_shares(
-            belief.log.keep(judged), weights[judged], belief.landmarks, belief.shares, P_PRIOR
+            log, weights[judged], belief.landmarks, belief.shares, P_PRIOR
         )
         return shares if self.settings.p is None else shares._replace(wrong=self.settings.p)
 

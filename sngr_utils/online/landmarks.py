@@ -15,6 +15,7 @@ from sngr_utils.robust import association
 from sngr_utils.sampling import importance
 from sngr_utils.sampling.targets import place
 from sngr_utils.slam import landmark_starts
+from sngr_utils.world.log import NO_LABEL
 
 POSES_NEEDED = 4  # with three of a short arc, the mirror image is always there
 LONG = 8  # poses from which a landmark that is seen may enter on one of two sides
@@ -147,10 +148,12 @@ def witnesses(
 
 def drop_landmarks(belief: Belief) -> None:
     """Take out a landmark that the ranges of its own label do not use: it is initialised anew."""
-    for k in np.flatnonzero(belief.present & np.isnan(belief.log.landmark_sigmas)):
-        labelled = belief.log.label_of == k
-        used = np.sum(labelled & (belief.assignment.used == k))
-        expected = (1 - belief.shares.wrong) * (1 - belief.shares.clutter) * labelled.sum()
-        if labelled.sum() >= YOUNG and used < FEWEST_USED * expected:
-            belief.remove(k)
-            belief.counts["landmark restarts"] += 1
+    label_of, n = belief.log.label_of, belief.log.n_landmarks
+    named = label_of != NO_LABEL
+    labelled = np.bincount(label_of[named], minlength=n)
+    used = np.bincount(label_of[named & (belief.assignment.used == label_of)], minlength=n)
+    expected = (1 - belief.shares.wrong) * (1 - belief.shares.clutter) * labelled
+    unused = (labelled >= YOUNG) & (used < FEWEST_USED * expected)
+    for k in np.flatnonzero(unused & belief.present & np.isnan(belief.log.landmark_sigmas)):
+        belief.remove(k)
+        belief.counts["landmark restarts"] += 1

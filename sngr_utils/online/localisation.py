@@ -14,6 +14,7 @@ import numpy as np
 from scipy import stats
 
 from sngr_utils.detection import mirror_image
+from sngr_utils.numerics.jit import compile_once
 from sngr_utils.sampling import compiled_nested, importance
 from sngr_utils.sampling.settings import FastSettings
 from sngr_utils.sampling.targets import compiled
@@ -39,12 +40,22 @@ def crossing_starts(evidence: Evidence, most: int) -> np.ndarray:
     """
     places = landmark_starts.crossings(evidence.anchors, evidence.ranges)
     log_densities = _log_densities(evidence, places - evidence.centre)
-    apart, chosen = START_APART * math.sqrt(evidence.variances.min()), []
-    while len(chosen) < most and np.isfinite(log_densities).any():
-        chosen.append(places[np.argmax(log_densities)])
-        near = np.sum((places - chosen[-1]) ** 2, axis=1) <= apart**2
-        log_densities[near] = -np.inf
-    return np.array(chosen)
+    apart = START_APART * math.sqrt(evidence.variances.min())
+    return _likeliest(places, log_densities, apart, most)
+
+
+@compile_once
+def _likeliest(places, log_densities, apart, most):
+    """(S, 2) of (P, 2) places, the likeliest first, no two of them nearer than `apart`."""
+    chosen, found = np.empty((most, 2)), 0
+    while found < most and log_densities.max() > -np.inf:
+        chosen[found] = places[np.argmax(log_densities)]
+        for i in range(len(places)):
+            dx, dy = places[i, 0] - chosen[found, 0], places[i, 1] - chosen[found, 1]
+            if dx * dx + dy * dy <= apart**2:
+                log_densities[i] = -np.inf
+        found += 1
+    return chosen[:found].copy()
 
 
 def _log_densities(evidence: Evidence, xi: np.ndarray) -> np.ndarray:

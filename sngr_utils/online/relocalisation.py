@@ -10,8 +10,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import special, stats
+from scipy import stats
 
+from sngr_utils.numerics.jit import compile_once
+from sngr_utils.numerics.linalg import factorise, solve_lower, solve_upper
 from sngr_utils.online.data_association import RESOLVED
 from sngr_utils.robust import association, mutual_exclusion
 from sngr_utils.robust.association import Shares
@@ -129,46 +131,86 @@ def _best(part: Stretch, starts: np.ndarray, most: int) -> np.ndarray:
 
 def log_likelihoods(part: Stretch, starts: np.ndarray) -> np.ndarray:
     """(S,) of all ranges, their sources summed out, at (S, 3) first poses, [nats]."""
-    distances = np.linalg.norm(_ahead(part, starts), axis=-1)
-    peaks = np.exp(part.log_prior[:, :-1]) / np.sqrt(2 * np.pi * part.variances)
-    right = peaks * np.exp(-0.5 * (part.ranges[:, None] - distances) ** 2 / part.variances)
-    return np.log(right.sum(axis=-1) + np.exp(part.log_prior[:, -1])).sum(axis=-1)
+    peaks = np.exp(part.log_prior)
+    peaks[:, :-1] /= np.sqrt(2 * np.pi * part.variances)
+    return _log_likelihoods(part, starts, peaks)
 
 
-def _ahead(part: Stretch, poses: np.ndarray) -> np.ndarray:
-    """(S, M, K, 2) from the landmarks to where the ranges were measured, at (S, 3) first poses."""
-    c, s = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
-    x, y = part.offsets.T
-    places = poses[:, None, :2] + np.stack([c * x - s * y, s * x + c * y], axis=-1)
-    return places[:, :, None] - part.landmarks
+@compile_once
+def _log_likelihoods(part, starts, peaks):
+    """The same, given (M, K+1) prior times highest likelihood."""
+    found = np.zeros(len(starts))
+    for i in range(len(starts)):
+        c, s = math.cos(starts[i, 2]), math.sin(starts[i, 2])
+        for m in range(len(part.ranges)):
+            x, y = part.offsets[m, 0], part.offsets[m, 1]
+            x, y = starts[i, 0] + c * x - s * y, starts[i, 1] + s * x + c * y
+            density = peaks[m, -1]
+            for k in range(len(part.landmarks)):
+                dx, dy = x - part.landmarks[k, 0], y - part.landmarks[k, 1]
+                error = part.ranges[m] - math.sqrt(dx * dx + dy * dy)
+                density += peaks[m, k] * math.exp(-0.5 * error * error / part.variances[m, k])
+            found[i] += math.log(density)
+    return found
 
 
-def _joint(part: Stretch, pose: np.ndarray, width: float):
+@compile_once
+def _joint(part, pose, width):
     """(M, K+1) log of prior times likelihood; (M, K) residuals and (M, K, 2) unit vectors."""
-    (ahead,) = _ahead(part, pose[None])
-    distances = np.maximum(np.linalg.norm(ahead, axis=-1), 1e-300)
-    residuals = part.ranges[:, None] - distances
-    variances = width**2 * part.variances
-    fit = -0.5 * residuals**2 / variances - 0.5 * np.log(2 * np.pi * variances)
-    joint = np.column_stack([part.log_prior[:, :-1] + fit, part.log_prior[:, -1]])
-    return joint, residuals, ahead / distances[..., None]
+    n_ranges, n_landmarks = part.variances.shape
+    joint, residuals = part.log_prior.copy(), np.empty((n_ranges, n_landmarks))
+    units = np.empty((n_ranges, n_landmarks, 2))
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for m in range(n_ranges):
+        x, y = part.offsets[m, 0], part.offsets[m, 1]
+        x, y = pose[0] + c * x - s * y, pose[1] + s * x + c * y
+        for k in range(n_landmarks):
+            dx, dy = x - part.landmarks[k, 0], y - part.landmarks[k, 1]
+            distance = max(math.sqrt(dx * dx + dy * dy), 1e-300)
+            units[m, k, 0], units[m, k, 1] = dx / distance, dy / distance
+            residuals[m, k] = part.ranges[m] - distance
+            variance = width**2 * part.variances[m, k]
+            fit = residuals[m, k] ** 2 / variance + math.log(2 * math.pi * variance)
+            joint[m, k] -= 0.5 * fit
+    return joint, residuals, units
 
 
 def refined(part: Stretch, start: np.ndarray, mean: np.ndarray, sigmas: np.ndarray) -> Found:
     """EM from a start to the nearest maximum, and the evidence of what is about it."""
-    pose, precision = start.copy(), np.asarray(sigmas, float) ** -2
-    for width in WIDTHS:
-        joint, residuals, units = _joint(part, pose, width)
-        weights = special.softmax(joint, axis=-1)[:, :-1] / (width**2 * part.variances)
-        across = part.offsets @ _rotation(pose[2] + np.pi / 2).T
-        by_pose = np.concatenate([units, units @ across[:, :, None]], axis=2)
-        matrix = np.einsum("mk,mki,mkj->ij", weights, by_pose, by_pose) + np.diag(precision)
-        slope = np.einsum("mk,mki,mk->i", weights, by_pose, residuals)
-        pose = pose + np.linalg.solve(matrix, slope - precision * _away(pose, mean))
+    precision = np.asarray(sigmas, float) ** -2
+    pose, matrix = _refined(part, start, mean, precision)
     fit = log_likelihoods(part, pose[None])[0] - 0.5 * precision @ _away(pose, mean) ** 2
     pose[2] = wrap_angle(pose[2])
     volume = 0.5 * np.log(precision).sum() - 0.5 * np.linalg.slogdet(matrix)[1]
     return Found(pose, float(fit + volume))
+
+
+@compile_once
+def _refined(part, start, mean, precision):
+    """`refined`: (3,) pose, and the (3, 3) information of its last step."""
+    pose, matrix, slope, ahead = start.copy(), np.empty((3, 3)), np.empty(3), np.empty(3)
+    for width in WIDTHS:
+        joint, residuals, units = _joint(part, pose, width)
+        weights, c, s = association.posterior(joint), math.cos(pose[2]), math.sin(pose[2])
+        away = pose - mean
+        away[2] = (away[2] + math.pi) % (2 * math.pi) - math.pi
+        matrix[:], slope[:] = np.diag(precision), -precision * away
+        for m in range(len(residuals)):
+            x, y = part.offsets[m, 0], part.offsets[m, 1]
+            for k in range(len(part.landmarks)):
+                weight = weights[m, k] / (width**2 * part.variances[m, k])
+                ahead[0], ahead[1] = units[m, k, 0], units[m, k, 1]
+                ahead[2] = ahead[1] * (c * x - s * y) - ahead[0] * (s * x + c * y)
+                for i in range(3):
+                    slope[i] += weight * ahead[i] * residuals[m, k]
+                    for j in range(3):
+                        matrix[i, j] += weight * ahead[i] * ahead[j]
+        lower = matrix.copy()
+        factorise(lower)
+        solve_lower(lower, slope)
+        solve_upper(lower, slope)
+        pose += slope
+    return pose, matrix
 
 
 def sources(part: Stretch, pose: np.ndarray) -> np.ndarray:

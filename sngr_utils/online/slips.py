@@ -41,7 +41,7 @@ def find_robot(belief: Belief, by_nested: bool, *, rng: np.random.Generator) -> 
     covariance = belief.covariance(anchored=True)
     if _lost(belief, covariance):
         _find_lost(belief, scan, covariance, by_nested, rng=rng)
-    elif _contradicted(belief, belief.innovations(covariance), scan):
+    elif _contradicted(belief, belief.innovations(anchored=True), scan):
         _find_slipped(belief, covariance)
 
 

@@ -6,6 +6,7 @@ with several landmarks and a weight for each (soft data association). A range's 
 scale * distance + offset - range; scale and offset are known, or estimated with the rest.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -55,28 +56,15 @@ def of_log(log: Log, landmarks: np.ndarray, landmark_prior_sigma: float) -> Chai
         have their own; NaN for a landmark that is absent
     landmark_prior_sigma : of the weak priors, [m]
     """
-    surveyed = np.isfinite(log.landmark_sigmas)
-    means = np.where(surveyed[:, None], log.landmark_means, landmarks)
-    sigmas = np.where(surveyed, log.landmark_sigmas, landmark_prior_sigma)
-    given = np.isfinite(sigmas) & np.isfinite(means).all(axis=1)
-    calibration, calibration_sigmas = np.array([log.scale, log.offset], dtype=float).T.copy()
-    estimated = calibration_sigmas > 0
-    return Chain(
-        prior=information.frames_of(log.x0_mean[None]),
-        motions=information.frames_of(log.odometry),
-        prior_information=np.diag(log.x0_sigmas**-2),
-        step_information=_inverses(log.odometry_covariances),
-        pose_of=log.pose_of,
-        landmark_of=log.label_of,
-        ranges=log.ranges,
-        sigmas=log.range_sigmas,
-        weights=np.ones(len(log.ranges)),
-        landmark_means=np.where(given[:, None], means, 0.0),
-        landmark_information=np.where(given, sigmas, np.inf) ** -2,
-        calibration_means=calibration,
-        calibration_information=np.where(estimated, calibration_sigmas, np.inf) ** -2,
-        columns=np.where(estimated, 2 * log.n_landmarks + np.cumsum(estimated) - 1, -1),
-    )
+    calibration = np.array([log.scale, log.offset], dtype=float)
+    frames, steps, (means, sigmas), (shifts, shift_sigmas, columns) = _read(
+        log.x0_mean, log.odometry, log.odometry_covariances, log.landmark_means,
+        log.landmark_sigmas, np.ascontiguousarray(landmarks), float(landmark_prior_sigma),
+        calibration,
+    )  # fmt: skip
+    ranges = log.pose_of, log.label_of, log.ranges, log.range_sigmas, np.ones(len(log.ranges))
+    priors = means, sigmas**-2, shifts, shift_sigmas**-2, columns
+    return Chain(*frames, np.diag(log.x0_sigmas**-2), steps, *ranges, *priors)
 
 
 @compile_once
@@ -86,6 +74,26 @@ def _inverses(covariances):
     for t in range(len(found)):
         invert(found[t])
     return found
+
+
+@compile_once
+def _read(x0_mean, odometry, covariances, surveyed, survey_sigmas, landmarks, sigma, calibration):
+    """What a `Chain` has beside the ranges, see `of_log`; infinite sigmas where it has no prior."""
+    n_landmarks = len(landmarks)
+    means, sigmas = np.zeros((n_landmarks, 2)), np.full(n_landmarks, np.inf)
+    for k in range(n_landmarks):
+        known = math.isfinite(survey_sigmas[k])
+        own, place = (survey_sigmas[k], surveyed[k]) if known else (sigma, landmarks[k])
+        if math.isfinite(own) and math.isfinite(place[0]) and math.isfinite(place[1]):
+            means[k], sigmas[k] = place, own
+    shift_sigmas, columns, column = np.full(2, np.inf), np.full(2, -1), 2 * n_landmarks
+    for i in range(2):
+        if calibration[i, 1] > 0.0:
+            shift_sigmas[i], columns[i] = calibration[i, 1], column
+            column += 1
+    frames = information.frames_of(x0_mean.reshape(1, 3)), information.frames_of(odometry)
+    calibrated = calibration[:, 0].copy(), shift_sigmas, columns
+    return frames, _inverses(covariances), (means, sigmas), calibrated
 
 
 @compile_once

@@ -150,20 +150,20 @@ def _odometry_jacobians(first, second, residual, exact, by_first, by_second):
 def _weigh(jacobian, information, residual, weighted, slope):
     """jacobian^T information into `weighted`, and times the residual added to `slope`."""
     for i in range(3):
+        a, b, c = jacobian[0, i], jacobian[1, i], jacobian[2, i]
         for k in range(3):
-            weighted[i, k] = 0.0
-            for j in range(3):
-                weighted[i, k] += jacobian[j, i] * information[j, k]
-            slope[i] += weighted[i, k] * residual[k]
+            total = a * information[0, k] + b * information[1, k] + c * information[2, k]
+            weighted[i, k] = total
+            slope[i] += total * residual[k]
 
 
 @compile_once
 def _add_product(weighted, right, out):
     """Add the product of two (3, 3) to the first columns of `out`."""
     for i in range(3):
+        a, b, c = weighted[i, 0], weighted[i, 1], weighted[i, 2]
         for j in range(3):
-            for k in range(3):
-                out[i, j] += weighted[i, k] * right[k, j]
+            out[i, j] = out[i, j] + a * right[0, j] + b * right[1, j] + c * right[2, j]
 
 
 @compile_once
@@ -305,15 +305,13 @@ def hand_on(t, own, rest, front, lost, gain):
     """
     width = rest.shape[2]
     for i in range(3):
+        a, b, c = own[t, i, 0], own[t, i, 1], own[t, i, 2]
         for j in range(width):
-            gain[i, j] = 0.0
-            for k in range(3):
-                gain[i, j] += own[t, i, k] * rest[t, k, j]
+            gain[i, j] = a * rest[t, 0, j] + b * rest[t, 1, j] + c * rest[t, 2, j]
     for i in range(width):
+        a, b, c = rest[t, 0, i], rest[t, 1, i], rest[t, 2, i]
         for j in range(i, width):
-            term = 0.0
-            for k in range(3):
-                term -= rest[t, k, i] * gain[k, j]
+            term = -(a * gain[0, j]) - b * gain[1, j] - c * gain[2, j]
             accumulate(front, lost, i, j, term)
     for i in range(3):
         for j in range(width):
@@ -342,8 +340,9 @@ def substitute(own, rest, later, second):
             for j in range(width):
                 block[i, j] = 0.0
             for k in range(width):
+                factor = rest[t, i, k]
                 for j in range(width):
-                    block[i, j] -= rest[t, i, k] * later[k, j]
+                    block[i, j] -= factor * later[k, j]
         for i in range(3):
             for j in range(i + 1):
                 for k in range(width):

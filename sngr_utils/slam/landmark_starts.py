@@ -42,9 +42,10 @@ STARTS = {
     "grid": "the best cell of a grid, by all ranges of a landmark, any of which may be wrong",
 }
 
-GRID_CELLS = 100  # per axis
+GRID_CELLS, TILE = 100, 5  # per axis, and cells of it that are bounded together
 NEGLIGIBLE_EXPONENT = 40.0  # e^-40 is nothing beside an outlier, in floating point
 LARGE = 1e200  # product of likelihoods that is turned into a sum of logarithms
+SLACK = 1e-6  # nats, more than rounding makes a bound too low
 
 
 def start_landmarks(log: Log, poses: np.ndarray, start: str) -> np.ndarray:
@@ -89,42 +90,67 @@ def best_cell(
     variances : (N,) of a right range about the distance, [m^2]
     longest : the longest range there is, [m]
     """
-    low, high = positions.min(axis=0) - ranges.max(), positions.max(axis=0) + ranges.max()
-    axes = np.linspace(low, high, GRID_CELLS)
-    # a point of the cell is uniform about its centre: one twelfth of the squared width
-    spread = variances + ((high - low) / (GRID_CELLS - 1)).max() ** 2 / 12
-    right, outlier = peak(spread, OUTLIER_SHARE), OUTLIER_SHARE / longest
-    scores = _grid_scores(axes, positions, ranges, 0.5 / spread, right, outlier)
-    i, j = np.unravel_index(np.argmax(scores), scores.shape)
-    return np.array([axes[i, 0], axes[j, 1]])
+    positions, variances = np.ascontiguousarray(positions), np.ascontiguousarray(variances)
+    return _best_cell(positions, np.ascontiguousarray(ranges), variances, longest)
 
 
 @compile_once
-def _grid_scores(axes, positions, ranges, sharpness, right, outlier):
-    """Log-likelihood of every cell, less that of outliers only: most ranges miss most cells.
+def _best_cell(positions, ranges, variances, longest):
+    """See `best_cell`: tile by tile, the most promising first, until no other can be better."""
+    axes, width = np.empty((GRID_CELLS, 2)), 0.0
+    for i in range(2):
+        low, high = positions[:, i].min() - ranges.max(), positions[:, i].max() + ranges.max()
+        step = (high - low) / (GRID_CELLS - 1)
+        for j in range(GRID_CELLS):
+            axes[j, i] = low + j * step
+        width = max(width, step)
+    # a point of the cell is uniform about its centre: one twelfth of the squared width
+    spread = variances + width**2 / 12
+    odds = peak(spread, OUTLIER_SHARE) / (OUTLIER_SHARE / longest)
+    measured = positions, ranges, 0.5 / spread, odds
+    n_tiles = GRID_CELLS // TILE
+    bounds = np.empty(n_tiles * n_tiles)
+    for tile in range(len(bounds)):
+        i, j = TILE * (tile // n_tiles), TILE * (tile % n_tiles)
+        bounds[tile] = _score(axes[i : i + TILE], axes[j : j + TILE], measured)
+    best, found = -np.inf, np.empty(2)
+    while bounds.max() >= best - SLACK:
+        tile = np.argmax(bounds)
+        bounds[tile] = -np.inf
+        i, j = TILE * (tile // n_tiles), TILE * (tile % n_tiles)
+        for row in range(i, i + TILE):
+            for column in range(j, j + TILE):
+                score = _score(axes[row : row + 1], axes[column : column + 1], measured)
+                if score > best:
+                    best, found[0], found[1] = score, axes[row, 0], axes[column, 1]
+    return found
 
-    A range reaches the cells between two circles. Likelihoods are multiplied, and their
-    logarithm is taken when they grow large.
+
+@compile_once
+def _score(rows, columns, measured):
+    """Log-likelihood of a rectangle of cells, at most, less that of outliers only.
+
+    Of one cell it is the value. Likelihoods are multiplied, and their logarithm is taken when
+    they grow large.
     """
-    scores, products = np.zeros((len(axes), len(axes))), np.ones((len(axes), len(axes)))
+    positions, ranges, sharpness, odds = measured
+    total, product = 0.0, 1.0
     for n in range(len(ranges)):
-        reach = math.sqrt(NEGLIGIBLE_EXPONENT / sharpness[n])
-        inner, outer = max(ranges[n] - reach, 0.0) ** 2, (ranges[n] + reach) ** 2
-        for i in range(len(axes)):
-            dx = axes[i, 0] - positions[n, 0]
-            if dx * dx > outer:
-                continue
-            for j in range(len(axes)):
-                dy = axes[j, 1] - positions[n, 1]
-                square = dx * dx + dy * dy
-                if inner <= square < outer:
-                    error = ranges[n] - math.sqrt(square)
-                    likelihood = right[n] * math.exp(-sharpness[n] * error * error)
-                    products[i, j] *= 1 + likelihood / outlier
-                    if products[i, j] > LARGE:
-                        scores[i, j] += math.log(products[i, j])
-                        products[i, j] = 1.0
-    return scores + np.log(products)
+        x, y = positions[n, 0], positions[n, 1]
+        left, right = rows[0, 0] - x, rows[-1, 0] - x
+        below, above = columns[0, 1] - y, columns[-1, 1] - y
+        near_x, near_y = max(left, -right, 0.0), max(below, -above, 0.0)
+        error = math.sqrt(near_x * near_x + near_y * near_y) - ranges[n]
+        if error < 0.0:
+            far_x, far_y = max(-left, right), max(-below, above)
+            error = max(ranges[n] - math.sqrt(far_x * far_x + far_y * far_y), 0.0)
+        exponent = sharpness[n] * error * error
+        if exponent < NEGLIGIBLE_EXPONENT:
+            product *= 1 + odds[n] * math.exp(-exponent)
+            if product > LARGE:
+                total += math.log(product)
+                product = 1.0
+    return total + math.log(product)
 
 
 REFINEMENTS = 6  # reweighted Gauss-Newton steps

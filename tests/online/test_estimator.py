@@ -191,7 +191,7 @@ def test_innovations_leave_out_the_range_itself():
     """Against an estimate made without it, linearised at the same place."""
     state = believed()
     data, used = state.log, state.assignment.used
-    found = state.innovations(state.covariance())
+    found = state.innovations()
     for m in (5, 31, 70):
         without = used.copy()
         without[m] = data_association.DROPPED
@@ -207,7 +207,7 @@ def test_innovations_leave_out_the_range_itself():
 def test_a_lonely_range_goes_to_the_landmark_that_explains_it():
     state = believed()
     data = state.log
-    found = state.innovations(state.covariance())
+    found = state.innovations()
     m = 30
     other = (data.label_of[m] + 1) % 6
     label_of = data.label_of.copy()
@@ -225,7 +225,7 @@ def test_a_lonely_range_goes_to_the_landmark_that_explains_it():
 
 def test_a_vague_prediction_credits_nothing():
     state = believed()
-    found = state.innovations(state.covariance())
+    found = state.innovations()
     vague = replace(found, variances=found.variances + 1.0)
     assignment = data_association.decide(
         state.log, vague, state.assignment.used, Shares(0.1, 0.0), True, True

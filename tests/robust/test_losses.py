@@ -171,17 +171,25 @@ def test_best_cell_holds_the_landmark_among_many_wrong_ranges():
     assert np.abs(cell - landmark).max() < width
 
 
-def test_grid_scores_are_the_log_likelihoods_of_all_ranges():
-    """Cell by cell, the sum over ranges that miss it included; a product would overflow."""
-    rng, n = np.random.default_rng(0), 400
-    positions, ranges = rng.normal(0, 3, (n, 2)), rng.uniform(0, 6, n)
-    axes = np.linspace([-9.0, -8.0], [9.0, 8.0], 25)
-    sharpness, right, outlier = rng.uniform(1, 50, n), rng.uniform(0.5, 4e3, n), 0.05
-    got = landmark_starts._grid_scores(axes, positions, ranges, sharpness, right, outlier)
-    cells = np.stack(np.meshgrid(axes[:, 0], axes[:, 1], indexing="ij"), axis=2)
-    errors = np.linalg.norm(cells[..., None, :] - positions, axis=3) - ranges
-    each = np.log1p(right * np.exp(-sharpness * errors**2) / outlier)
-    assert np.allclose(got, each.sum(axis=2), rtol=1e-12, atol=1e-9)
+@pytest.mark.parametrize("n", [3, 30, 400])
+def test_the_best_cell_is_the_best_of_all_cells(n):
+    """Every cell's sum over all ranges, in plain NumPy; a product of 400 would overflow."""
+    for seed in range(5):
+        rng, cells = np.random.default_rng(seed), landmark_starts.GRID_CELLS
+        positions, ranges = rng.normal(0, 3, (n, 2)), rng.uniform(0.5, 6, n)
+        variances = rng.uniform(0.01, 1, n)
+        low, high = positions.min(axis=0) - ranges.max(), positions.max(axis=0) + ranges.max()
+        axes = np.linspace(low, high, cells)
+        spread = variances + ((high - low) / (cells - 1)).max() ** 2 / 12
+        grid = np.stack(np.meshgrid(*axes.T, indexing="ij"), axis=2)
+        scores = np.zeros((cells, cells))
+        for here, distance, wide in zip(positions, ranges, spread, strict=True):
+            errors = np.linalg.norm(grid - here, axis=2) - distance
+            odds = 10.0 / np.sqrt(2 * np.pi * wide)  # of a right range over one uniform up to 10 m
+            scores += np.log1p(odds * np.exp(-0.5 * errors**2 / wide))
+        found = landmark_starts.best_cell(positions, ranges, variances, 10.0)
+        best = np.unravel_index(np.argmax(scores), scores.shape)
+        assert np.allclose(found, grid[best], rtol=0, atol=1e-9)
 
 
 def test_landmark_seen_from_two_poses_only_is_left_out():

@@ -1,6 +1,7 @@
 """What is known of one place in the plane, from ranges any of which may be wrong."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -50,7 +51,7 @@ class Evidence:
         """(N,) density of a wrong range over the highest of a right one."""
         return range_density.floor(self.variances, self.wrong, self.longest)
 
-    @property
+    @cached_property
     def factors(self) -> compiled.Factors:
         """The likelihood as the compiled engines read it; xi is the offset from `centre`."""
         n = len(self.ranges)
