@@ -1,4 +1,4 @@
-"""Try the project in many situations: ``python scripts/matrix [--strict] [PART OF A NAME]``.
+"""Try the project in many situations: ``python scripts/matrix [--strict] [PARTS OF NAMES]``.
 
 Prints tried, clean and skipped, with the reason. Fails on a situation that is not clean and, if
 strict, on a skip that `MAY_SKIP` does not name. With `--minutes` the short ones come first, none is
@@ -74,11 +74,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="matrix", description=__doc__)
     parser.add_argument("--strict", action="store_true", help="fail on a skip that is not named")
     parser.add_argument("--minutes", type=float, default=math.inf, help="begin none after so long")
-    parser.add_argument("part", nargs="?", default="", help="only names that contain this")
+    parser.add_argument("parts", nargs="*", default=[""], help="only names that contain one")
     args = parser.parse_args()
     until = time.perf_counter() + 60 * args.minutes
     copies.make_template()
-    chosen = [name for name in SITUATIONS if args.part in name]
+    chosen = [name for name in SITUATIONS if any(part in name for part in args.parts)]
     if args.minutes < math.inf:
         chosen.sort(key=lambda name: remembered(name)["seconds"])
     found = []

@@ -1,14 +1,14 @@
 """The scenario's numbers (section "Experimental set-up"), for one world and for many."""
 
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from sngr_utils.settings import Checked, Seed
 
-Length = Annotated[float, Field(ge=0.01, le=1e4)]  # m
-Sigma = Annotated[float, Field(ge=1e-4, le=100)]  # m or rad
+Length = Annotated[float, Field(ge=1e-4, le=1e4)]  # m
+SPAN = 1e4  # of the largest length to the smallest: their squares meet in one linear system
 
 MOST_POSES, MOST_LANDMARKS = 100_000, 1_000  # the information of more fits in no memory
 MOST_JOBS = 1_024
@@ -23,9 +23,18 @@ class Scenario(Checked):
     radius: Length = 5.0  # m
     n_landmarks: Annotated[int, Field(ge=2, le=MOST_LANDMARKS)] = 6
     landmark_half_width: Length = 4.0  # m, landmarks are uniform in a square of twice this
-    odometry_sigma_xy: Sigma = 0.05  # m per step
-    odometry_sigma_theta: Sigma = 0.01  # rad per step
-    range_sigma: Sigma = 0.1  # m
+    odometry_sigma_xy: Length = 0.05  # m per step
+    odometry_sigma_theta: Annotated[float, Field(ge=1e-4, le=1)] = 0.01  # rad per step
+    range_sigma: Length = 0.1  # m
+
+    @model_validator(mode="after")
+    def _lengths_meet(self) -> Self:
+        names = ("radius", "landmark_half_width", "odometry_sigma_xy", "range_sigma")
+        least, *_, most = sorted(names, key=lambda name: getattr(self, name))
+        low, high = getattr(self, least), getattr(self, most)
+        if high > SPAN * low:
+            raise ValueError(f"{most} is {high} and {least} {low}: they may span {SPAN:g} at most")
+        return self
 
     @property
     def odometry_sigmas(self) -> np.ndarray:
