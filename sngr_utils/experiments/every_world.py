@@ -197,9 +197,9 @@ def _diagnosis(found: estimator.OnlineEstimate) -> dict:
     return {
         "doubtful": int(told.doubtful), "reasons": "; ".join(told.reasons), "p_found": found.p,
         "clutter_found": found.clutter, "unexplained": told.unexplained,
-        "worst_run": told.worst_run, "residual": told.residual, "worst_step": told.worst_step,
-        "drift": told.drift.p_value, "drift_of": told.drift.name, "vague": told.vague,
-        "rival": min(told.rival, NO_RIVAL), "slips": found.counts["slips"],
+        "held_out": told.held_out_p, "worst_run": told.worst_run, "residual": told.residual,
+        "worst_step": told.worst_step, "drift": told.drift.p_value, "drift_of": told.drift.name,
+        "vague": told.vague, "rival": min(told.rival, NO_RIVAL), "slips": found.counts["slips"],
     }  # fmt: skip
 
 

@@ -343,11 +343,12 @@ class Online:
         belief.counts["slips"] = int(belief.slipped.sum())
         belief.counts["dropped"] = int(np.sum(used == DROPPED))
         belief.counts["swapped"] = int(np.sum((used != DROPPED) & (used != log.label_of)))
+        doubts = diagnosis.diagnose(asked, told, ours, gap, lambda *of: self._fit(*of, 1.0))
         found = OnlineEstimate(
             poses, landmarks, own, in_doubt, graph_poses, used,
             covariances, np.array([calibrated.scale, calibrated.offset]),
             wrong, ours.shares.clutter, np.array(self.filtered),
-            belief.counts, diagnosis.diagnose(asked, told, ours, gap), cost_of_it,
+            belief.counts, doubts, cost_of_it,
         )  # fmt: skip
         if found.diagnosis.doubtful:
             warnings.warn("; ".join(found.diagnosis.reasons), DoubtWarning, stacklevel=3)

@@ -5,6 +5,7 @@ odometry are missed by their noise, no other estimate of the same data is nearly
 the places are known well enough to tell one landmark's ranges from another's.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +25,12 @@ RARE = 0.01  # p-value that is no chance
 POSSIBLE = 0.5  # and one that is worth a question
 VAGUE = 5.0  # range sigmas, of a prediction above which it cannot tell landmarks apart
 MOST_RESIDUAL = 1.6  # variance of ranges over what is told: a sigma that is told a fifth too small
+HELD_OUT = 10  # one range of so many is held out
+FIRM = 1e-3  # of the sigmas of the first pose: what all poses err by together foretells as well
 LEAST_RIVAL = np.log(100.0)  # nats: odds of a hundred to one
+
+
+Fit = Callable[[Log, tuple[np.ndarray, np.ndarray]], SoftEstimate]
 
 
 class DoubtWarning(UserWarning):
@@ -38,6 +44,8 @@ class Diagnosis:
     Attributes
     ----------
     unexplained : share of the ranges that is assigned to no landmark
+    held_out : share of every tenth range that fits nothing that the others foretell
+    held_out_p : its p-value, if such ranges are as many as among all
     worst_run : p-value of the run of poses with the most of them, see `worst_run`
     residual : mean squared normalised residual of what is assigned, per degree of freedom
     worst_step : p-value of the worst step of the odometry that is trusted, for as many as there are
@@ -49,6 +57,8 @@ class Diagnosis:
     """
 
     unexplained: float
+    held_out: float
+    held_out_p: float
     worst_run: float
     residual: float
     worst_step: float
@@ -62,6 +72,8 @@ class Diagnosis:
         tests = {
             f"{self.unexplained:.0%} of the ranges fit nothing":
                 self.unexplained > MOST_UNEXPLAINED,
+            f"{self.held_out:.0%} of held-out ranges fit nothing (p {self.held_out_p:.0e})":
+                self.held_out_p < RARE,
             f"some poses have too many ranges that fit nothing (p {self.worst_run:.0e})":
                 self.worst_run < RARE,
             f"residuals are {self.residual:.1f} times the noise": self.residual > MOST_RESIDUAL,
@@ -80,21 +92,25 @@ class Diagnosis:
         return len(self.reasons) > 0
 
 
-def diagnose(log: Log, told: np.ndarray, found: SoftEstimate, rival: float) -> Diagnosis:
+def diagnose(log: Log, told: np.ndarray, found: SoftEstimate, rival: float, fit: Fit) -> Diagnosis:
     """What there is to doubt of an estimate.
 
     Parameters
     ----------
     told : (T-1, 3, 3) covariances of the odometry as measured
     rival : see `Diagnosis`
+    fit : EM over a log from (T, 3) poses and (K, 2) landmarks
     """
     none = found.weights[:, -1]
+    held_out, held_out_p = foretold(log, found, fit)
     residuals = association.residuals(log, found.poses, found.landmarks, found.calibration)
     squared = np.nansum(found.responsibilities * (residuals / log.range_sigmas[:, None]) ** 2)
     freedom = (1 - none).sum() - 2 * np.isfinite(found.landmarks[:, 0]).sum()
     spread = np.sqrt(found.position_covariances.trace(axis1=1, axis2=2).mean() / 2)
     return Diagnosis(
         unexplained=float(none.mean()) if len(none) else 0.0,
+        held_out=held_out,
+        held_out_p=held_out_p,
         worst_run=worst_run(log, none),
         residual=float(squared / freedom) if freedom > 0 else 1.0,
         worst_step=worst_step(log, told, found.poses),
@@ -102,6 +118,25 @@ def diagnose(log: Log, told: np.ndarray, found: SoftEstimate, rival: float) -> D
         rival=float(rival),
         vague=float(spread / np.median(log.range_sigmas)) if len(log.ranges) else np.inf,
     )
+
+
+def foretold(log: Log, found: SoftEstimate, fit: Fit) -> tuple[float, float]:
+    """Share of every tenth range that is nobody's in an estimate without them, and its p-value.
+
+    That is for as large a share of nobody's ranges as among all, which the estimate has seen.
+    """
+    held = np.arange(len(log.ranges)) % HELD_OUT == HELD_OUT // 2
+    if not held.any():
+        return 0.0, 1.0
+    seen = log.keep(~held)._with(x0_mean=found.poses[0], x0_sigmas=FIRM * log.x0_sigmas)
+    other, asked = fit(seen, (found.poses, found.landmarks)), log.keep(held)
+    residuals = association.residuals(asked, other.poses, other.landmarks, other.calibration)
+    spread = other.position_covariances.trace(axis1=1, axis2=2)[asked.pose_of] / 2
+    variances = np.broadcast_to((asked.range_sigmas**2 + spread)[:, None], residuals.shape)
+    joint = association.log_joint(asked, residuals, variances, other.shares)
+    none = association.posterior(joint)[:, -1].sum()
+    share = (found.weights[:, -1].sum() + 0.5) / (len(log.ranges) + 1)
+    return float(none / held.sum()), float(stats.binom.sf(np.round(none) - 1, held.sum(), share))
 
 
 def worst_run(log: Log, bad: np.ndarray, shortest: int = RUN) -> float:

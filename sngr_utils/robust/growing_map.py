@@ -14,7 +14,7 @@ import numpy as np
 from scipy import optimize, special
 
 from sngr_utils.robust import diagnosis, em, mirrors
-from sngr_utils.robust.association import log_joint, posterior, residuals
+from sngr_utils.robust.association import log_joint, residuals
 from sngr_utils.robust.diagnosis import Diagnosis
 from sngr_utils.slam import chain_cost, chain_solver, noise_estimation
 from sngr_utils.slam.conventions import Conventions
@@ -34,8 +34,6 @@ STARVING = 0.25  # of the ranges that are promised to a landmark: with less it i
 WIDE = 1e3  # longest ranges, the sigma of a prior that says nothing of a landmark
 ROUNDS, SAME = 4, 0.01  # of noise and map in turn, and the logarithm of a sigma that has settled
 HELD_OUT = 10  # one range of so many is held out
-# Beyond these the estimate says that it may be wrong
-MOST_UNEXPLAINED = 0.05  # share of held-out ranges that are nobody's, beyond that of all
 
 
 @dataclass(frozen=True)
@@ -91,9 +89,9 @@ def estimate(log: Log, progress: Callable[[float], None] = lambda share: None) -
         if settled and turn:
             break
     noise = replace(noise, log=log)
-    unexplained = _unexplained(log, soft)
+    found = _diagnosed(log, soft)
     progress(1.0)
-    return GrownMap(soft, noise, scores, unexplained, _doubts(log, soft, scores, unexplained))
+    return GrownMap(soft, noise, scores, found.held_out, _doubts(log, soft, scores, found))
 
 
 def _search(log: Log, progress: Callable[[float], None]) -> tuple[em.SoftEstimate, list[float]]:
@@ -259,34 +257,24 @@ def _from(log: Log, calibration: np.ndarray) -> Log:
     return replace(log, scale=scale, offset=offset)
 
 
-def _unexplained(log: Log, soft: em.SoftEstimate) -> float:
-    """Share of every tenth range that a map made without them has for nobody's."""
-    held = np.arange(len(log.ranges)) % HELD_OUT == HELD_OUT // 2
-    seen = _fit(log.keep(~held), (soft.poses, soft.landmarks), soft.calibration, 1.0)
-    asked = log.keep(held)
-    found = residuals(asked, seen.poses[:, :2], seen.landmarks, seen.calibration)
-    spread = seen.position_covariances.trace(axis1=1, axis2=2)[asked.pose_of] / 2
-    variances = np.broadcast_to((asked.range_sigmas**2 + spread)[:, None], found.shape)
-    weights = posterior(log_joint(asked, found, variances, seen.shares))
-    return float(weights[:, -1].mean()) if len(weights) else 0.0
-
-
 def _diagnosed(log: Log, soft: em.SoftEstimate) -> Diagnosis:
     """What there is to doubt of a map, its other sides being its rivals."""
-    sides = mirrors.rivals(soft, lambda *start: _fit(log, start, soft.calibration, 1.0))
+
+    def fit(part, start):
+        return _fit(part, start, soft.calibration, 1.0)
+
+    sides = mirrors.rivals(soft, lambda *start: fit(log, start))
     sure = np.ones(log.n_landmarks, dtype=bool)
     gaps = [score(log, soft) - score(log, one) for one in sides if mirrors.differ(soft, one, sure)]
     gap = max(min(gaps, default=np.inf), 0.0)
-    return diagnosis.diagnose(log, log.odometry_covariances, soft, gap)
+    return diagnosis.diagnose(log, log.odometry_covariances, soft, gap, fit)
 
 
-def _doubts(log: Log, soft: em.SoftEstimate, scores: list[float], unexplained: float) -> list[str]:
+def _doubts(log: Log, soft: em.SoftEstimate, scores: list[float], told: Diagnosis) -> list[str]:
     """Why the estimate may be wrong."""
-    found = list(_diagnosed(log, soft).reasons)
+    found = list(told.reasons)
     if not _found_twice(scores):
         found.append(f"{len(scores)} searches have found {len(scores)} maps")
-    if unexplained - soft.shares.clutter > MOST_UNEXPLAINED:
-        found.append(f"{unexplained:.0%} of held-out ranges are explained by no landmark")
     lost = np.flatnonzero(starving(log, soft)).tolist()
     if lost:
         found.append(f"landmarks {lost} have hardly a range")

@@ -14,6 +14,8 @@ from sngr_utils.world.dead_reckoning import relative_motion
 C = conventions.PRESETS["C"]
 SOUND = diagnosis.Diagnosis(
     unexplained=0.3,
+    held_out=0.3,
+    held_out_p=1.0,
     worst_run=1.0,
     residual=1.0,
     worst_step=1.0,
@@ -78,6 +80,7 @@ def test_the_worst_step_has_the_p_value_of_so_many(drawn):
 
 @pytest.mark.parametrize(("changed", "word"), [
     ({"unexplained": 0.51}, "fit nothing"), ({"worst_run": 0.001}, "some poses"),
+    ({"held_out_p": 0.001}, "30% of held-out ranges"),
     ({"residual": 1.7}, "times the noise"), ({"worst_step": 0.001}, "a step"),
     ({"drift": misfit.Misfit("in turning", 0.8, 0.001)}, "a drift in turning (of 0.8 sigmas"),
     ({"rival": 2.0}, "less likely by 2.0 nats"), ({"vague": 6.0}, "range sigmas"),
@@ -97,3 +100,24 @@ def test_a_pose_whose_labels_are_all_wrong_raises_the_question_of_a_slip(drawn):
             log, C, (sound.poses, sound.landmarks), exclusive=True, clutter=True, widest=1.0
         )
         assert diagnosis.may_have_slipped(log, log.odometry_covariances, found) == asked
+
+
+def test_held_out_ranges_that_the_others_do_not_foretell_are_told(drawn):
+    """Two metres too long; some fit another landmark by chance."""
+    sound = replace(drawn, label_of=drawn.source_of)
+    log = sound.log(C.x0_sigmas)
+
+    def fit(part, start):
+        return em.fit(part, C, start, exclusive=True, clutter=True, widest=1.0)
+
+    found = fit(log, (sound.poses, sound.landmarks))
+    share, p_value = diagnosis.foretold(log, found, fit)
+    assert share < 0.01
+    assert p_value == 1.0
+    held = np.arange(len(log.ranges)) % diagnosis.HELD_OUT == diagnosis.HELD_OUT // 2
+    longer = log._with(ranges=np.where(held, log.ranges + 2.0, log.ranges))
+    share, p_value = diagnosis.foretold(longer, found, fit)
+    assert share > 0.5
+    assert p_value < 1e-10
+    nothing = log.keep(np.zeros(len(held), dtype=bool))
+    assert diagnosis.foretold(nothing, found, fit) == (0.0, 1.0)

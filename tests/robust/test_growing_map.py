@@ -68,15 +68,13 @@ def test_a_map_named_otherwise_gets_its_names_from_the_labels(right):
 
 def test_each_reason_to_doubt_is_said(right):
     _, log, grown = right
-    soft, count = grown.soft, len(log.ranges)
-    assert growing_map._doubts(log, soft, [0.0, -0.5], 0.0) == []
-    assert "2 searches" in growing_map._doubts(log, soft, [0.0, -5.0], 0.0)[0]
-    assert "20% of held-out" in growing_map._doubts(log, soft, [0.0, 0.0], 0.2)[0]
-    last = np.arange(count) >= 2 * count // 3
-    clutter = replace(soft, weights=np.where(last[:, None], [0.0, 0, 0, 1], soft.weights))
-    assert "some poses have too many" in growing_map._doubts(log, clutter, [0.0, 0.0], 0.0)[0]
+    soft, sound = grown.soft, growing_map._diagnosed(log, grown.soft)
+    assert growing_map._doubts(log, soft, [0.0, -0.5], sound) == []
+    assert "2 searches" in growing_map._doubts(log, soft, [0.0, -5.0], sound)[0]
+    worse = replace(sound, held_out=0.2, held_out_p=1e-3)
+    assert "20% of held-out" in growing_map._doubts(log, soft, [0.0, 0.0], worse)[0]
     lost = replace(soft, weights=soft.weights * [1, 0, 1, 1])
-    assert "landmarks [1] have hardly" in growing_map._doubts(log, lost, [0.0, 0.0], 0.0)[0]
+    assert "landmarks [1] have hardly" in growing_map._doubts(log, lost, [0.0, 0.0], sound)[0]
 
 
 def test_a_straight_road_has_another_side():
