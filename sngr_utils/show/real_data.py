@@ -210,7 +210,7 @@ def online_table(rows: pd.DataFrame) -> pd.DataFrame:
     columns = {
         "final": (".3f", "final [m]"), "filtered_beside": (".3f", "while driving [m]"),
         "filtered_oracle": (".3f", "the oracle's [m]"), "step_ms": (".1f", "step [ms]"),
-        "step_ms_95": (".0f", "95 % [ms]"), "step_ms_gain": ("+.1f", "over the drive [ms]"),
+        "step_ms_95": (".0f", "95 % [ms]"), "step_ms_gain": ("+.1f", "gain [ms]"),
     }  # fmt: skip
     found = [
         [name, len(mine),
