@@ -130,11 +130,16 @@ def run(
         _warn_of_repeats(log)
     online = Online(log.first(1), conventions, settings, rng=rng)
     for t in range(1, log.n_poses):
-        both = log.first(t + 1).after(t - 1)
-        online.take(both.keep(both.pose_of == 1))  # which needs no second check
+        online.take(of_pose(log, t))
         if watch:
             watch(online.belief)
     return online.result()
+
+
+def of_pose(log: Log, t: int) -> Log:
+    """Poses t-1 and t of a log, with the ranges of the second; it needs no second check."""
+    both = log.first(t + 1).after(t - 1)
+    return both.keep(both.pose_of == 1)
 
 
 def _warn_of_repeats(log: Log) -> None:

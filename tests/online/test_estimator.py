@@ -442,6 +442,19 @@ def test_a_step_is_refused_by_field_and_row():
         online.step(replace(bad, ranges=np.where(np.arange(6) == 2, -1.0, bad.ranges)))
 
 
+@pytest.mark.parametrize("scale", [(1.0, 0.0), (1.0, 0.1), (2.0, 0.0)])
+def test_a_log_is_what_its_measurements_are_one_by_one(scale):
+    """A whole log is checked once, measurements as they come: to the last bit the same."""
+    log = replace(make(0.3).log(C.x0_sigmas).first(7), scale=scale)
+    fed = [estimator.Online(log.first(1), C, WHOLE, rng=np.random.default_rng(0)) for _ in "12"]
+    for t in range(1, 7):
+        fed[0].step(log.measurements(t))
+        fed[1].take(estimator.of_pose(log, t))
+    for name in ("ranges", "range_sigmas", "label_of", "times", "row_of", "odometry", "scale"):
+        assert np.array_equal(*(getattr(each.belief.log, name) for each in fed)), name
+    assert np.array_equal(fed[0].belief.poses, fed[1].belief.poses)
+
+
 def torn():
     """A slip before any landmark is known, which no scan contradicts."""
     drawn = make(0.3, 118)
