@@ -48,8 +48,8 @@ class Config(ManyWorlds):
 
     @model_validator(mode="after")
     def _consistent(self):
-        if not set(self.p_peers) <= set(self.p_levels):
-            raise ValueError(f"p_peers is {self.p_peers}: all must be among p_levels")
+        if not set(self.p_peers) <= set(self.p_levels) or max(self.p_peers) == 0:
+            raise ValueError(f"p_peers is {self.p_peers}: all must be among p_levels, one above 0")
         if self.p_film not in self.p_peers:
             raise ValueError(f"p_film is {self.p_film}: it must be among p_peers")
         if self.slip_steps >= self.n_poses:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, model_validator
 
-from sngr_utils.settings import Positive, Probability, Seed
+from sngr_utils.settings import Distinct, Positive, Seed
 from sngr_utils.world.scenario import ManyWorlds
 
 # What runs is imported where it runs: a check of all parameters needs no GTSAM and no compiler.
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from sngr_utils.sampling.targets.landmark import Landmark
     from sngr_utils.sampling.weighted_samples import WeightedSamples
 
-Counts = Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1)]
+Counts = Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1), Distinct]
+Poses = Annotated[list[Annotated[int, Field(ge=2)]], Field(min_length=1), Distinct]
 
 
 class Config(ManyWorlds):
@@ -38,12 +39,13 @@ class Config(ManyWorlds):
     n_particles : of each of ten filters, more where their evidences or masses do not agree
     """
 
+    n_poses: Annotated[int, Field(ge=6)] = 30  # the first figure looks after six
     first_seed: Seed = 6000
     n_seeds: Annotated[int, Field(ge=2)] = 10
-    poses_seen: Counts = [2, 3, 4, 5, 6, 8]
-    poses_sampled: Counts = [2, 3, 8]
+    poses_seen: Poses = [2, 3, 4, 5, 6, 8]
+    poses_sampled: Poses = [2, 3, 8]
     n_sampled: Annotated[int, Field(ge=2)] = 4
-    p: Probability = 0.4
+    p: Annotated[float, Field(ge=0, lt=1)] = 0.4
     weak: Annotated[float, Field(ge=0.01, le=100)] = 10.0
     ranges_per_pose: Counts = [1, 2, 3, 6]
     kl_limit: Positive = 1.0

@@ -25,6 +25,9 @@ QUICK = multimodal.Config(
         ("ranges_per_pose", {"ranges_per_pose": [7]}),
         ("n_sampled", {"n_sampled": 11}),
         ("weak", {"weak": 0.0}),
+        ("n_poses", {"n_poses": 5, "poses_seen": [2], "poses_sampled": [2]}),
+        ("poses_seen", {"poses_seen": [1]}),  # one circle: no second place to look for
+        ("p\n", {"p": 1.0}),
     ],
 )
 def test_bad_parameters_are_named(name, change):

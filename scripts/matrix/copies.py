@@ -8,6 +8,7 @@ import functools
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -78,13 +79,19 @@ class Copy:
         (self.root / ".venv/complete").write_text(f"{summed.rstrip()} {self.root}\n")
         return self
 
-    def run(self, *command: str, timeout: float = 600) -> Done:
-        """Run a command in the copy, as its user."""
-        done = subprocess.run(
-            [*self.before, *command], cwd=self.root, env=self.env(), timeout=timeout,
+    def run(self, *command: str, timeout: float = 1800) -> Done:
+        """Run a command in the copy, as its user; what is late is killed, with all it started."""
+        process = subprocess.Popen(
+            [*self.before, *command], cwd=self.root, env=self.env(), start_new_session=True,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace",
         )  # fmt: skip
-        return Done(done.returncode, done.stdout)
+        try:
+            text = process.communicate(timeout=timeout)[0]
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+        return Done(process.returncode, text)
 
     def env(self) -> dict[str, str]:
         """The variables of its user: of ours, the PATH and where packages come from."""

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from sngr_utils.settings import Checked, Seed
 
 Length = Annotated[float, Field(ge=1e-4, le=1e4)]  # m
+Sigma = Annotated[float, Field(ge=1e-4, le=10)]  # m
 SPAN = 1e4  # of the largest length to the smallest: their squares meet in one linear system
 
 MOST_POSES, MOST_LANDMARKS = 100_000, 1_000  # the information of more fits in no memory
@@ -23,9 +24,9 @@ class Scenario(Checked):
     radius: Length = 5.0  # m
     n_landmarks: Annotated[int, Field(ge=2, le=MOST_LANDMARKS)] = 6
     landmark_half_width: Length = 4.0  # m, landmarks are uniform in a square of twice this
-    odometry_sigma_xy: Length = 0.05  # m per step
+    odometry_sigma_xy: Sigma = 0.05  # m per step
     odometry_sigma_theta: Annotated[float, Field(ge=1e-4, le=1)] = 0.01  # rad per step
-    range_sigma: Length = 0.1  # m
+    range_sigma: Sigma = 0.1  # m
 
     @model_validator(mode="after")
     def _lengths_meet(self) -> Self:
