@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, model_validator
 
-from sngr_utils.settings import READING, Distinct, Levels, Positive, Probability
+from sngr_utils.settings import READING, Distinct, Levels, PosesOfWindows, Positive, Probability
 from sngr_utils.slam.conventions import PRESETS
-from sngr_utils.world.scenario import ManyWorlds, PosesOfWindows
+from sngr_utils.world.scenario import ManyWorlds
 
 # What runs is imported where it runs: a check of all parameters needs no GTSAM and no compiler.
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ from pydantic import Field
 
 from sngr_utils.experiments.bench import BenchSettings, Performance
 from sngr_utils.sampling.settings import SamplerSettings
-from sngr_utils.settings import Levels, Positive, Seed
+from sngr_utils.settings import Levels, PosesOfWindows, Positive, Seed
 from sngr_utils.slam.conventions import PRESETS, OpenConventions
-from sngr_utils.world.scenario import PosesOfWindows, Scenario
+from sngr_utils.world.scenario import Scenario
 
 if TYPE_CHECKING:
     from sngr_utils.experiments.growth import Growth

@@ -11,6 +11,7 @@ from pathlib import Path
 from threading import Thread
 
 import numpy as np
+from pydantic import ValidationError
 from tqdm import tqdm
 
 from sngr_utils.files import formats, tum
@@ -82,10 +83,8 @@ def _estimate(path: Path, recording: Recording) -> GrownMap:
         Thread(target=work, daemon=True).start()
         try:
             return found.result()
-        except np.linalg.LinAlgError as error:
-            raise ValueError(
-                f"its numbers are too large or too small beside each other ({error})"
-            ) from None
+        except (np.linalg.LinAlgError, ValidationError):
+            raise ValueError("its numbers are too large or too small beside each other") from None
 
 
 def _in_names(text: str, recording: Recording) -> str:

@@ -14,11 +14,11 @@ import numpy as np
 from pydantic import model_validator
 
 from sngr_utils.sampling.settings import EngineChoice, SamplerSettings
-from sngr_utils.settings import Levels, Positive, Probability, Seed
+from sngr_utils.settings import Levels, PosesOfWindows, Positive, Probability, Seed
 from sngr_utils.slam.conventions import PRESETS, OpenConventions
 from sngr_utils.sngr.gate import Gate
 from sngr_utils.sngr.noop_baseline import TriggerOnly, noop_expected_log_weight, noop_log_weights
-from sngr_utils.world.scenario import PosesOfWindows, Scenario
+from sngr_utils.world.scenario import Scenario
 
 if TYPE_CHECKING:
     from sngr_utils.sampling.targets.likelihood import LocalLikelihood
