@@ -42,3 +42,8 @@ def test_what_is_shown_needs_no_gtsam():
 
 def test_what_is_heavy_would_be_noticed():
     assert "gtsam" in loaded(["sngr_utils.sngr.windows"], HEAVY)
+
+
+def test_no_grammar_is_parsed_for_what_nothing_checks():
+    """Neither here nor where notebooks are executed: it costs every process a second."""
+    assert "rfc3987_syntax.syntax_helpers" not in sys.modules

@@ -3,6 +3,10 @@
 numba keeps machine code file by file, and does not notice when a function of another file that
 was compiled into it has changed. So the folder it keeps it in is named after the sources of all
 compiled modules: an edit to any of them compiles all of them again.
+
+What is compiled moves rows and blocks number by number. An array that is assigned to a part of
+another one brings numba's message for shapes that do not fit along, twice the code of most
+functions here, and into all that call them.
 """
 
 import hashlib

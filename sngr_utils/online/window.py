@@ -12,6 +12,7 @@ import numpy as np
 from sngr_utils.numerics.jit import compile_once
 from sngr_utils.slam import chain_cost, damped_step, information
 from sngr_utils.slam.chain_cost import State
+from sngr_utils.slam.chain_solver import CERES
 from sngr_utils.slam.range_loss import LEAST_SQUARES
 
 MOST_STEPS, SETTLED = 30, 1e-7  # of Levenberg-Marquardt; decrease [nats] that is none
@@ -74,7 +75,8 @@ def _moved(past, at):
     """(3+2K,) from where the past was linearised to a point."""
     delta = np.zeros(len(past.slope))
     frame = information.frame_at(at.frames, 0)
-    delta[:3] = np.array(information.prior_residual(information.frame_at(past.frame, 0), frame))
+    turned = information.prior_residual(information.frame_at(past.frame, 0), frame)
+    delta[0], delta[1], delta[2] = turned
     for k in range(len(at.landmarks)):
         seen = _seen(frame, at.landmarks[k])
         for i in range(2):
@@ -114,11 +116,18 @@ def linearise(chain, past, at):
     jacobian = _by_step(information.frame_at(at.frames, 0), at.landmarks)
     slope = jacobian.T @ (past.slope + past.information @ _moved(past, at))
     matrix = jacobian.T @ past.information @ jacobian
-    system.own[0] += matrix[:3, :3]
-    system.rest[0, :, 3:] += matrix[:3, 3:]
-    system.front[3:, 3:] += matrix[3:, 3:]
-    system.slope[0] += slope[:3]
-    system.pull[:] += slope[3:]
+    for i in range(len(slope)):
+        if i < 3:
+            system.slope[0, i] += slope[i]
+        else:
+            system.pull[i - 3] += slope[i]
+        for j in range(len(slope)):
+            if i < 3 and j < 3:
+                system.own[0, i, j] += matrix[i, j]
+            elif i < 3:
+                system.rest[0, i, j] += matrix[i, j]
+            elif j >= 3:
+                system.front[i, j] += matrix[i, j]
     return system
 
 
@@ -131,7 +140,7 @@ def minimise(chain, past, at):
     for _ in range(MOST_STEPS):
         system, then = linearise(chain, past, at), np.inf
         while damping < MOST_DAMPING:
-            if damped_step.solve(system, damping, True, steps, border) >= 0.0:
+            if damped_step.solve(system, damping, CERES.scaled, steps, border) >= 0.0:
                 damped_step.move(at, steps, border, chain.columns, to)
                 then = cost(chain, past, to)
             if then <= now:
@@ -162,13 +171,16 @@ def marginalise(chain, past, at):
     matrix = system.front
     information.eliminate(system.own[:n], system.rest[:n], matrix, system.lost)
     slope = np.zeros(width)
-    slope[3:] = system.pull
+    for i in range(3, width):
+        slope[i] = system.pull[i - 3]
     for t in range(n):
         here = system.slope[t] + slope[:3]
-        slope[:3] = 0.0
+        slope[0] = slope[1] = slope[2] = 0.0
         slope -= system.rest[t].T @ here
-    slope[:3] += system.slope[n]
-    matrix[:3, :3] += system.own[n]
+    for i in range(3):
+        slope[i] += system.slope[n, i]
+        for j in range(3):
+            matrix[i, j] += system.own[n, i, j]
     for i in range(width):
         for j in range(i):
             matrix[i, j] = matrix[j, i]

@@ -79,7 +79,7 @@ def execute(name: str, params: dict[str, Any], folder: Path) -> None:
     ------
     ProjectError : a cell failed, or the kernel died; what was executed stays in the folder
     """
-    sys.modules.setdefault("rfc3987_syntax", None)  # jsonschema's optional parser: a second
+    import sngr_utils.publish.quick_schema  # noqa: F401, I001  before papermill loads nbformat
     import papermill
     from nbclient.exceptions import DeadKernelError
     from papermill.exceptions import PapermillExecutionError

@@ -103,7 +103,7 @@ def _one_scan(weights, found):
         plan = _plan(weights, threshold)
     if plan.n_open > MOST_OPEN:
         for i in range(len(weights)):
-            found[i] = weights[i] / weights[i].sum()
+            _share_out(weights[i], found[i])
         return False
     if plan.n_open >= MANY:  # all pairs at once, for the check often fails and doubles the work
         everything = _plan(weights, 0.0)
@@ -281,7 +281,15 @@ def _spread(weights, plan, row, free, sums, found):
                 c += 1
             else:
                 found[row, j] = weights[row, j] * free
-    found[row] /= found[row].sum()
+    _share_out(found[row], found[row])
+
+
+@compile_once
+def _share_out(weights, shares):
+    """(n,) weights over their sum, into `shares`."""
+    total = weights.sum()
+    for j in range(len(weights)):
+        shares[j] = weights[j] / total
 
 
 @compile_once

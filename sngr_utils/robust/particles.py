@@ -164,10 +164,11 @@ def update(setup, state, n, k, x, y, distance):
         state.covariances[n, k, h, 2] -= gain_y * gain_y * variance
         state.shares[n, k, h] *= math.exp(-0.5 * error * error / variance) / math.sqrt(variance)
         total += state.shares[n, k, h]
-    if total > 0.0:
-        state.shares[n, k] /= total
-    else:  # a range that no hypothesis foresees tells nothing between them
-        state.shares[n, k] = 1.0 / state.shares.shape[2]
+    for h in range(state.shares.shape[2]):
+        if total > 0.0:
+            state.shares[n, k, h] /= total
+        else:  # a range that no hypothesis foresees tells nothing between them
+            state.shares[n, k, h] = 1.0 / state.shares.shape[2]
 
 
 @compile_once
@@ -187,8 +188,7 @@ def start(setup, state, n, k, seen_from, distances):
     for h in range(len(evidences)):
         best = int(np.argmax(scores))
         if scores[best] == -np.inf and h > 0:
-            state.means[n, k, h] = state.means[n, k, 0]
-            state.covariances[n, k, h] = state.covariances[n, k, 0]
+            _settle(state, n, k, h, state.means[n, k, 0], state.covariances[n, k, 0])
             continue
         chosen = candidates[best].copy()
         for i in range(len(candidates)):
@@ -197,15 +197,24 @@ def start(setup, state, n, k, seen_from, distances):
         covariance = refine(
             chosen, positions, distances, sigma, setup.longest, setup.landmark_sigma
         )
-        state.means[n, k, h] = chosen
-        state.covariances[n, k, h] = covariance
+        _settle(state, n, k, h, chosen, covariance)
         determinant = covariance[0] * covariance[2] - covariance[1] ** 2
         evidences[h] = evidence(chosen, positions, distances, sigma, setup.longest)
         evidences[h] += 0.5 * math.log(determinant)
     largest = evidences.max()
     shares = np.exp(evidences - largest)
     state.log_weights[n] += largest + math.log(shares.sum())
-    state.shares[n, k] = shares / shares.sum()
+    total = shares.sum()
+    for h in range(len(shares)):
+        state.shares[n, k, h] = shares[h] / total
+
+
+@compile_once
+def _settle(state, n, k, h, mean, covariance):
+    """Put a hypothesis of landmark k in particle n where it is believed to be."""
+    state.means[n, k, h, 0], state.means[n, k, h, 1] = mean[0], mean[1]
+    for i in range(3):
+        state.covariances[n, k, h, i] = covariance[i]
 
 
 @compile_once

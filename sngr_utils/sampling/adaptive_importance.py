@@ -166,7 +166,8 @@ def _moved(points, shares, gains, mass, trust, places, covariances):
         total = gains[:, c].sum()
         if total == 0.0:
             continue
-        new_places[c] = (1 - trust[c]) * places[c]
+        for i in range(d):
+            new_places[c, i] = (1 - trust[c]) * places[c, i]
         for k in range(n):
             for i in range(d):
                 new_places[c, i] += trust[c] * gains[k, c] / total * points[k, i]

@@ -87,25 +87,31 @@ def _shrink(factors, cholesky, live_z, live_x, walks, dlogz, rng):
         limit = live_e[worst]
         if dead == len(out_e):
             more_x, more_e = np.empty((2 * dead, d)), np.empty(2 * dead)
-            more_x[:dead], more_e[:dead] = out_x, out_e
+            for n in range(dead):
+                more_e[n] = out_e[n]
+                for i in range(d):
+                    more_x[n, i] = out_x[n, i]
             out_x, out_e = more_x, more_e
-        out_x[dead], out_e[dead] = live_x[worst], limit
+        out_e[dead] = limit
+        for i in range(d):
+            out_x[dead, i] = live_x[worst, i]
         log_z = np.logaddexp(log_z, first_shell - dead / n_live - limit)
         dead += 1
         at = math.inf
         while at == math.inf:
             start = int((n_live - 1) * rng.random())
             start += start >= worst
-            z[:], x[:] = live_z[start], live_x[start]
+            for i in range(d):
+                z[i], x[i] = live_z[start, i], live_x[start, i]
             at, accepted, called = walk(
                 factors, limit, walks, scale, live_z, live_x, z, x, poses, points, rng
             )
             calls += called
             scale *= math.exp((accepted / walks - TARGET_ACCEPTANCE) / d)
             scale = min(max(scale, 1e-4), 1.0)
-        live_z[worst], live_e[worst] = z, at
+        live_e[worst] = at
         for i in range(d):
-            live_x[worst, i] = 0.0
+            live_z[worst, i], live_x[worst, i] = z[i], 0.0
             for j in range(i + 1):
                 live_x[worst, i] += cholesky[i, j] * z[j]
     return out_x[:dead], out_e[:dead], live_e, calls

@@ -53,7 +53,8 @@ def _walk(factors, cholesky, u, limit, axes, scale, walks, rng):
             new_x[i] = total
         calls += 1
         if energy(factors, new_x, poses, points, limit) < limit:
-            at[:], x[:] = new, new_x
+            for i in range(d):
+                at[i], x[i] = new[i], new_x[i]
             accepted += 1
     return at, x, accepted, calls
 

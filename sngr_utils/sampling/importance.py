@@ -123,7 +123,8 @@ def modes_of_factors(factors, cholesky, rotated, starts, n_residuals):
     )
     found, converged, calls = 0, 0, 0
     for s in range(n):
-        z[:] = starts[s]
+        for i in range(d):
+            z[i] = starts[s, i]
         value, damping, ended = _objective(factors, cholesky, z, x, poses, points), 1e-3, False
         for _ in range(60):
             for m in range(found):
@@ -134,11 +135,12 @@ def modes_of_factors(factors, cholesky, rotated, starts, n_residuals):
             calls += d + 2
             gain = math.inf
             while damping < 1e12:
-                damped[:] = hessian
                 for i in range(d):
+                    trial[i] = slope[i]
+                    for j in range(i + 1):
+                        damped[i, j] = hessian[i, j]
                     damped[i, i] += damping * max(hessian[i, i], 1e-3)
                 if factorise(damped) < 0:
-                    trial[:] = slope
                     solve_lower(damped, trial)
                     gain = 0.0
                     for i in range(d):
@@ -152,16 +154,22 @@ def modes_of_factors(factors, cholesky, rotated, starts, n_residuals):
                         break
                     if gain < 1e-10:
                         there = value
-                        trial[:] = z
+                        for i in range(d):
+                            trial[i] = z[i]
                         break
                 damping = max(4 * damping, 1e-3)
             if damping >= 1e12:
                 break
-            z[:], value, damping = trial, there, 0.1 * damping
+            value, damping = there, 0.1 * damping
+            for i in range(d):
+                z[i] = trial[i]
             if gain < 1e-4:  # a hundredth of a standard deviation
                 if factorise(hessian) < 0 and found < MAX_MODES:
-                    modes[found], lowers[found], masses[found] = z, hessian, -value
+                    masses[found] = -value
                     for i in range(d):
+                        modes[found, i] = z[i]
+                        for j in range(d):
+                            lowers[found, i, j] = hessian[i, j]
                         masses[found] -= math.log(hessian[i, i])
                     found += 1
                     ended = True
