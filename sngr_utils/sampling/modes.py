@@ -13,7 +13,7 @@ from sngr_utils.numerics.jit import compile_once
 from sngr_utils.numerics.linalg import distances
 from sngr_utils.sampling.importance import SAME_MODE
 from sngr_utils.sampling.targets.ambiguous_window import LOG_TAU, Window
-from sngr_utils.sampling.targets.compiled import energy_at
+from sngr_utils.sampling.targets.compiled import evaluate
 from sngr_utils.sampling.targets.landmark import Landmark
 from sngr_utils.sampling.weighted_samples import WeightedSamples
 
@@ -102,9 +102,10 @@ def _ascend(factors, starts):
     Source: Nocedal & Wright, Numerical Optimization, 2006, algorithm 6.1.
     """
     ends, calls, (n, d) = starts.copy(), 0, starts.shape
+    work = factors.poses.copy(), factors.points.copy()
     for k in range(n):
         x, inverse = ends[k], np.eye(d)
-        value, slope = _value_and_slope(factors, x)
+        value, slope = _value_and_slope(factors, x, work)
         calls += 2 * d + 1
         for _ in range(MAX_STEPS):
             if np.abs(slope).max() < FLAT:
@@ -113,40 +114,46 @@ def _ascend(factors, starts):
             if step @ slope >= 0:
                 inverse, step = np.eye(d), -slope
             step *= min(1.0, LONGEST / np.sqrt(step @ step))
-            there, calls = _energy(factors, x + step), calls + 1
+            there, calls = _energy(factors, x + step, work), calls + 1
             while not there < value + 1e-4 * (step @ slope) and np.abs(step).max() > SHORTEST:
                 step *= 0.5
-                there, calls = _energy(factors, x + step), calls + 1
+                there, calls = _energy(factors, x + step, work), calls + 1
             if not there < value:
                 break
             x += step
-            value, new_slope = _value_and_slope(factors, x)
+            value, new_slope = _value_and_slope(factors, x, work)
             calls += 2 * d + 1
             change, slope = new_slope - slope, new_slope
             along = step @ change
             if along > 1e-12:
-                left = np.eye(d) - np.outer(step, change) / along
-                inverse = left @ inverse @ left.T + np.outer(step, step) / along
+                left = np.eye(d)
+                for i in range(d):
+                    for j in range(d):
+                        left[i, j] -= step[i] * change[j] / along
+                inverse = left @ inverse @ left.T
+                for i in range(d):
+                    for j in range(d):
+                        inverse[i, j] += step[i] * step[j] / along
     return ends, calls
 
 
 @compile_once
-def _energy(factors, x):
+def _energy(factors, x, work):
     """Minus the log target at the offset x from the mean of its root, but for a constant."""
-    return energy_at(factors, x) + 0.5 * (x @ factors.precision @ x)
+    return evaluate(factors, x, *work, np.inf) + 0.5 * (x @ factors.precision @ x)
 
 
 @compile_once
-def _value_and_slope(factors, x):
+def _value_and_slope(factors, x, work):
     """`_energy` and its (d,) gradient by central differences."""
     slope, at = np.empty(len(x)), x.copy()
     for i in range(len(x)):
         at[i] = x[i] + STEP
-        up = _energy(factors, at)
+        up = _energy(factors, at, work)
         at[i] = x[i] - STEP
-        slope[i] = (up - _energy(factors, at)) / (2 * STEP)
+        slope[i] = (up - _energy(factors, at, work)) / (2 * STEP)
         at[i] = x[i]
-    return _energy(factors, x), slope
+    return _energy(factors, x, work), slope
 
 
 def _apart(point: np.ndarray, place: np.ndarray, covariance: np.ndarray) -> float:

@@ -27,22 +27,21 @@ class LocalLikelihood:
         self.estimate = estimate
         self.factor = factor
         self._moved = gtsam.Values(estimate)
-        self._map = [_variable(estimate, key) for key in keys]
-        sizes = [3 if isinstance(v, gtsam.Pose2) else 2 for v in self._map]
-        self._slices = [slice(e - n, e) for e, n in zip(np.cumsum(sizes), sizes, strict=True)]
-        self.dimension = int(sum(sizes))
+        own = [_variable(estimate, key) for key in keys]
+        sizes = [3 if isinstance(v, gtsam.Pose2) else 2 for v in own]
+        slices = [slice(e - n, e) for e, n in zip(np.cumsum(sizes).tolist(), sizes, strict=True)]
+        moves = [v.retract if isinstance(v, gtsam.Pose2) else v.__add__ for v in own]
+        self._moves = list(zip(keys, moves, slices, strict=True))
+        self.dimension = sum(sizes)
 
     def variables(self, xi: np.ndarray) -> list[gtsam.Pose2 | np.ndarray]:
         """MAP.retract(xi): the moved variables, in the order of `keys`."""
-        return [
-            value.retract(xi[part]) if isinstance(value, gtsam.Pose2) else value + xi[part]
-            for value, part in zip(self._map, self._slices, strict=True)
-        ]
+        return [move(xi[part]) for _, move, part in self._moves]
 
     def __call__(self, xi: np.ndarray) -> float:
         """-factor * sum of error() at a (d,) tangent vector, [nats]."""
-        for key, value in zip(self.keys, self.variables(xi), strict=True):
-            self._moved.update(key, value)
+        for key, move, part in self._moves:
+            self._moved.update(key, move(xi[part]))
         return -self.factor * self.factors.error(self._moved)
 
 
