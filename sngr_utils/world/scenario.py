@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 from sngr_utils.settings import Checked, Seed
 
 Length = Annotated[float, Field(ge=1e-4, le=1e4)]  # m
-Sigma = Annotated[float, Field(ge=1e-4, le=10)]  # m
+Sigma = Annotated[float, Field(ge=1e-4, le=3)]  # m; of a scene of five, more says nothing
 SPAN = 1e4  # of the largest length to the smallest: their squares meet in one linear system
 
 
