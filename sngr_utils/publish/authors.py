@@ -1,6 +1,6 @@
-"""What the original prints beside what comes out under its authors' conventions, digit by digit.
+"""What the original prints beside what its authors' conventions give, digit by digit.
 
-`make original` writes ``paper/studies/authors_digits.json``; the conventions: docs/original_code.md.
+`make original` writes ``paper/studies/authors_digits.json``; docs/original_code.md has conventions.
 """
 
 import json
