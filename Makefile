@@ -55,6 +55,7 @@ help:
 	@echo 'make mutants    break the library at random in MUTANTS places: do its tests notice?'
 	@echo 'make matrix     try make in many situations: tried, clean, skipped'
 	@echo 'make study/NAME  a long study, into paper/studies; takes up what an earlier run left'
+	@echo "make original   the printed digits under the authors' conventions, with GTSAM 4.2 (wheels: Python 3.11)"
 	@echo 'make results    the notebooks only: figures/ and build/results/ (needs no TeX)'
 	@echo 'make quick      the notebooks with the small params/quick, into build/quick'
 	@echo 'make run/NAME   one notebook, e.g. make run/01_bimodal'
@@ -186,6 +187,14 @@ results-from: setup
 # A study that stands outside `make paper`: make study/NAME, as often as it is interrupted.
 study/%: setup
 	@$(RUN) study $*
+
+# The printed digits under the authors' conventions, with GTSAM 4.2 in an environment of its own. What
+# the sampler moves is drawn DRAWS times, half a minute each, and kept; without, it is left out.
+.PHONY: original
+original: export FILE := $(if $(DRAWS),paper/studies/authors_digits.json,build/original.json)
+original: setup
+	@bash scripts/original.sh "$$FILE" '$(or $(DRAWS),0)'
+	@$(RUN) original "$$FILE"
 
 # On copies in build/mutants; SEED=2 draws other ones. Fails below 90 %.
 .PHONY: mutants

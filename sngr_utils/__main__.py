@@ -104,6 +104,15 @@ def _study(args) -> int:
     return 0
 
 
+def _original(args) -> int:
+    from pathlib import Path
+
+    from sngr_utils.publish import authors
+
+    print(authors.check(authors.read(Path(args.file))))
+    return 0
+
+
 def _estimate(args) -> int:
     from pathlib import Path
 
@@ -133,6 +142,7 @@ COMMANDS = {
     "refresh": (_each, "store fresh outputs in committed notebooks"),
     "why": (_why, "trace a value, table or figure to the cell, parameters and code behind it"),
     "estimate": (_estimate, "estimate the log of a file, or of a folder of tables"),
+    "original": (_original, "compare what make original computed with the printed digits"),
     "study": (_study, "make a study that stands outside make paper; takes up what is kept"),
 }
 
@@ -151,6 +161,8 @@ def main(arguments: list[str] | None = None) -> int:
             command.add_argument("file", help=".pyfg, .fg, a Plaza set, or a folder of tables")
             command.add_argument("--out", help="folder of what is written (default: the file's)")
             command.add_argument("--overwrite", action="store_true", help="replace what is there")
+        if work is _original:
+            command.add_argument("file", help="what sngr_utils.experiments.authors_digits wrote")
         if work in (_study, _why):
             command.add_argument("name")
         if work is _study:

@@ -366,6 +366,12 @@ def _(copy):
     again(copy)
 
 
+@situation("the printed digits, by GTSAM 4.2")
+def _(copy):
+    need("python3.11", "-c", "", reason="GTSAM 4.2 has no wheel for another Python")
+    assert "(a misprint of 12)" in copy.works("original")
+
+
 @situation("a full disk")
 def _(copy):
     need("unshare", "-m", "true", reason=UNSHARE)

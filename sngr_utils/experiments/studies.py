@@ -17,6 +17,7 @@ import pandas as pd
 
 from sngr_utils import paths
 from sngr_utils.experiments import (
+    authors_over_worlds,
     every_world,
     isam2_over_worlds,
     long_stream,
@@ -59,6 +60,10 @@ STUDIES = {
     "isam2": Study(
         isam2_over_worlds.run_rows,
         [(Scenario(), PRESETS[READING], 0.2, seed) for seed in range(7000, 8000)],
+    ),
+    # the trigger and its refinement as the original's authors run them
+    "authors_conventions": Study(
+        authors_over_worlds.rows, [(seed,) for seed in range(7300, 7400)], within=1e-3
     ),
     # the Plaza sets: labels right, wrong, none, and failures provoked
     "plaza": Study(real_data.run_plaza, real_data.plaza_cells(PLAZA), within=1e-3),

@@ -126,6 +126,12 @@ def share(
     return _interval(counts @ hit, counts @ np.bincount(group, among, len(names)), len(names))
 
 
+def ratio(above: np.ndarray, below: np.ndarray, *, rng: np.random.Generator) -> Interval:
+    """Sum of a count over the sum of another, each (n,), one number a world."""
+    counts = _draws(len(above), rng, WITHIN_DRAWS)
+    return _interval(counts @ above, counts @ below, len(above))
+
+
 def quantile(
     values: np.ndarray, level: float, worlds: np.ndarray, *, rng: np.random.Generator
 ) -> Interval:

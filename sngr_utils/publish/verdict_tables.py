@@ -6,7 +6,17 @@ import numpy as np
 import pandas as pd
 
 from sngr_utils import paths
-from sngr_utils.publish import cells, claims, controls, judge, latex, printed, rules
+from sngr_utils.publish import (
+    authors,
+    authors_worlds,
+    cells,
+    claims,
+    controls,
+    judge,
+    latex,
+    printed,
+    rules,
+)
 from sngr_utils.publish.files import write_json
 from sngr_utils.publish.judge import Row
 from sngr_utils.publish.notebooks import ProjectError
@@ -69,8 +79,26 @@ def result(verdicts: Verdicts) -> dict:
         "claims_controls": _table(control_table(verdicts.controls)),
         "claims_groups": _table(groups(verdicts.read), "llp{48mm}p{48mm}rl"),
         "claims_prose": _table(prose(verdicts.read), "lllll"),
+        "claims_authors": _table(by_authors(verdicts.read), "lp{80mm}ll"),
     }
+    values |= _of_authors()
     return {"notebook": "claims", "values": values, "tables": tables}
+
+
+def _of_authors() -> dict[str, dict]:
+    """What comes out under the authors' conventions, and what their trigger says."""
+    found = authors.read()
+    verdicts = list(authors.compared(found).values())
+    values = {"claims.authors.printed": _count(len(verdicts))}
+    for verdict in (authors.EQUAL, authors.TWICE, authors.SAMPLED, authors.UNEQUAL):
+        key = f"claims.authors.{verdict.replace(' ', '_')}"
+        values[key] = _count(verdicts.count(verdict))
+    for name in ("refined", "like_a_gaussian"):
+        values[f"claims.authors.{name}"] = _count(sum(each[name] for each in found["draws"]))
+    for p in sorted(set(authors_worlds.rows()["p"])):
+        for name, each in authors_worlds.measures(p).items():
+            values[f"claims.authors.p{p:g}.{name}"] = _count(each.value, ".2f")
+    return values
 
 
 def _count(n: float, fmt: str = ".0f") -> dict:
@@ -166,6 +194,16 @@ def prose(rows: list[Row]) -> pd.DataFrame:
     lines = [[row.where, row.what, row.ours, row.verdict, row.notebook]
              for row in rows if row.kind == "prose"]  # fmt: skip
     return pd.DataFrame(lines, columns=["where", "claim", "ours", "verdict", "notebook"])
+
+
+def by_authors(rows: list[Row]) -> pd.DataFrame:
+    """Each claim that the authors' own conventions can answer: our verdict, and theirs."""
+    told, ours = authors_worlds.told(), {}
+    for row in rows:
+        if row.entry in told and (row.entry not in ours or row.id == row.entry):
+            ours[row.entry] = [row.id, row.what, row.verdict, told[row.entry]]
+    heads = ["row", "claim", f"verdict, preset {claims.read().reading}", "the authors' conventions"]
+    return pd.DataFrame(list(ours.values()), columns=heads)
 
 
 def every(rows: list[Row]) -> pd.DataFrame:
