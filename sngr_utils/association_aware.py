@@ -35,6 +35,7 @@ class Config(ManyWorlds):
     """
 
     first_seed: Seed = 6000
+    n_landmarks: Annotated[int, Field(ge=2, le=8)] = 6  # a cell sums over all matchings
     n_seeds: Annotated[int, Field(ge=2)] = 30
     p_levels: Levels = [0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5]
     p_peers: Levels = [0.1, 0.2, 0.3, 0.4, 0.5]

@@ -172,6 +172,7 @@ def test_bad_parameters_are_named():
         ({"p_peers": [0.3]}, "p_peers"), ({"p_film": 0.2}, "p_film"),
         ({"p_levels": [0.1, 0.1]}, "p_levels"), ({"p_peers": [0.0], "p_film": 0.0}, "p_peers"),
         ({"slip_steps": 30}, "slip_steps"), ({"n_poses": 10}, "n_poses"), ({"n_slip": 1}, "n_slip"),
+        ({"n_landmarks": 9}, "n_landmarks"),
     ):  # fmt: skip
         with pytest.raises(ValueError, match=name):
             association_aware.Config(**{**CONFIG.model_dump(), **change})

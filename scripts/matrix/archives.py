@@ -125,7 +125,8 @@ def another_python(minor: int) -> None:
         shutil.rmtree(copy.root / ".venv")
         copy.works("check", f"PYTHON={found[-1]}")
         done = copy.run(".venv/bin/python", "-c", EACH_MODULE)
-        assert (done.status, done.text) == (0, f"3.{minor}\n"), done.text[-600:]
+        assert done.status == 0, done.text[-600:]
+        assert done.text.endswith(f"3.{minor}\n"), done.text[-600:]  # after first-time remarks
         copy.works(f"run/{NAME}")
 
     SITUATIONS[f"a set-up from nothing with Python 3.{minor}"] = each
