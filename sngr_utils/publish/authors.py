@@ -72,7 +72,7 @@ def _rounded(value: float | None, places: tuple[int, ...]) -> float | None:
 
 
 def check(found: dict) -> str:
-    """How many printed numbers come out, in a sentence.
+    """How many printed numbers come out, in a sentence; what a sampler moves may differ.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def check(found: dict) -> str:
     wrong = [
         f"{'/'.join(path)} is {values(found)[path][0]}, printed {leaves[path].value}"
         for path, verdict in verdicts.items()
-        if verdict == UNEQUAL and path not in MISPRINTS
+        if verdict == UNEQUAL and path not in MISPRINTS and "/".join(path) in found["printed"]
     ]
     if wrong:
         raise ProjectError(f"{len(wrong)} printed numbers do not come out: {'; '.join(wrong)}")

@@ -87,14 +87,11 @@ def result(verdicts: Verdicts) -> dict:
 
 def _of_authors() -> dict[str, dict]:
     """What comes out under the authors' conventions, and what their trigger says."""
-    found = authors.read()
-    verdicts = list(authors.compared(found).values())
+    verdicts = list(authors.compared(authors.read()).values())
     values = {"claims.authors.printed": _count(len(verdicts))}
     for verdict in (authors.EQUAL, authors.TWICE, authors.SAMPLED, authors.UNEQUAL):
         key = f"claims.authors.{verdict.replace(' ', '_')}"
         values[key] = _count(verdicts.count(verdict))
-    for name in ("refined", "like_a_gaussian"):
-        values[f"claims.authors.{name}"] = _count(sum(each[name] for each in found["draws"]))
     for p in sorted(set(authors_worlds.rows()["p"])):
         for name, each in authors_worlds.measures(p).items():
             values[f"claims.authors.p{p:g}.{name}"] = _count(each.value, ".2f")
@@ -251,7 +248,7 @@ def readme_block(verdicts: Verdicts) -> str:
         f"preset {preset}" + (", our reading" if preset == reading else "") for preset in order
     ]
     table = _markdown(pd.DataFrame(lines, columns=heads))
-    return "\n".join([BEGIN, *table, END])
+    return "\n".join([BEGIN, *table, "", authors_worlds.sentence(), END])
 
 
 README_ROWS = {  # as CONTROLS names them, and the claims in words

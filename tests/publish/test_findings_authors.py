@@ -1,0 +1,83 @@
+"""Sentences about the authors' own conventions, in README, notebooks 02 and 03 and the paper."""
+
+import re
+
+import numpy as np
+import pytest
+
+from sngr_utils import paths
+from sngr_utils.publish import authors_worlds, claims, rules
+
+LEVELS = (0.0, 0.1, 0.2, 0.3, 0.4)
+
+
+def over(name):
+    """One measure of the trigger at every p, with the ends of its interval."""
+    each = [authors_worlds.measures(p)[name] for p in LEVELS]
+    return np.array([[one.value, one.low, one.high] for one in each])
+
+
+def test_silent_on_clean_data_and_right_from_two_tenths_on():
+    assert 0.7 <= over("silent")[0, 0] <= 0.8
+    assert (over("precision")[2:, 0] > 0.97).all()
+
+
+def test_an_alarm_adds_one_to_four_hundredths_to_what_is_known_of_its_worlds():
+    gain = over("gain")[1:]
+    assert (gain[:, 1] > 0).all()
+    assert (np.round(gain[:, 0], 2) >= 0.01).all()
+    assert (np.round(gain[:, 0], 2) <= 0.04).all()
+    there, every = over("base_there")[1:, 0], over("base_rate")[1:, 0]
+    assert (there > every).all()
+
+
+def test_it_misses_three_failures_of_four_at_one_tenth_and_two_and_most_at_three():
+    recall = over("recall")[:, 0]
+    assert (np.abs(recall[1:3] - 0.25) < 0.05).all()
+    assert recall[3] < 0.5
+
+
+def test_its_score_ranks_failures_within_a_world():
+    assert (over("auc")[1:, 1] > 0.6).all()
+
+
+def test_errors_grow_in_every_world_and_the_blind_spot_is_as_they_say():
+    holds = authors_worlds.holds()
+    assert holds["inconsistent"].all()
+    assert holds["rmse-grows"].all()
+    assert rules.share(holds["blind-spot"], 0.8) in (rules.TREND, rules.REPRODUCED)
+
+
+def test_refining_changes_some_errors_and_helps_as_often_as_it_harms():
+    assert 0.2 < 1 - authors_worlds.holds()["rmse-unchanged"].mean() < 0.5
+    for p in (0.2, 0.3):
+        world = authors_worlds.at(p)
+        better = (world["refined_rmse"] < world["rmse"]).sum()
+        worse = (world["refined_rmse"] > world["rmse"]).sum()
+        assert rules.stats.binomtest(int(better), int(better + worse)).pvalue > 0.05
+
+
+def test_every_claim_that_is_told_is_one_of_the_papers():
+    ids = {entry.id for entry in [*claims.read().numbers, *claims.read().prose]}
+    assert authors_worlds.told().keys() <= ids
+
+
+@pytest.mark.parametrize(
+    ("words", "numbers"),
+    [
+        (r"at p = 0.1, 0.2 and 0.3 (\d+), (\d+) and (\d+) % of them are right",
+         lambda: 100 * over("precision")[1:4, 0]),
+        (r"so are (\d+), (\d+) and (\d+) % of the windows of the worlds",
+         lambda: 100 * over("base_there")[1:4, 0]),
+        (r"silent in (\d+) of 100 worlds, under C", lambda: 100 * over("silent")[:1, 0]),
+        (r"area 0\.(\d+) at p = 0\.1", lambda: 100 * over("auc")[1:2, 0]),
+        (r"it is blind in (\d+)\s+worlds", lambda: [authors_worlds.holds()["blind-spot"].sum()]),
+        (r"more than a twentieth in\s+(\d+) of 100",
+         lambda: [(~authors_worlds.holds()["rmse-unchanged"]).sum()]),
+    ],
+)  # fmt: skip
+def test_the_readme_has_these_numbers(words, numbers):
+    text = " ".join(paths.README.read_text(encoding="utf-8").split())
+    found = re.search(words.replace(r"\s+", " "), text)
+    assert found, words
+    assert [int(each) for each in found.groups()] == [round(float(x)) for x in numbers()]
