@@ -79,3 +79,17 @@ def test_the_conventions_need_gtsam_and_numpy_alone():
         "assert not {'scipy', 'pandas', 'pydantic', 'sklearn'} & sys.modules.keys()"
     )
     subprocess.run([sys.executable, "-c", asked], check=True)
+
+
+def test_what_the_sampler_moves_lies_about_the_printed_numbers():
+    """And the gate's counts, and windows that are one Gaussian: docs/original_code.md, README."""
+    draws, printed_rows = authors.read()["draws"], printed_values()["sngr"]
+    for p, (refined, accepted) in {0.0: (4, 0), 0.1: (0, 0), 0.2: (14, 14), 0.3: (22, 22)}.items():
+        some = [draw for draw in draws if draw["p"] == p]
+        assert len(some) == 20
+        for draw in some:
+            assert (draw["refined"], draw["accepted"]) == (refined, accepted)
+            assert draw["like_a_gaussian"] == refined
+        for key in ("pose_rmse", "nees"):
+            low, *_, high = sorted(round(draw[key], 2) for draw in some)
+            assert low <= printed_rows[p][key] <= high
