@@ -124,10 +124,11 @@ def sentence() -> str:
     digits = list(authors.compared(authors.read()).values())
     shares = {entry.id: entry.share for entry in claims.read().prose}
     words = [rules.share(each, shares[name]) for name, each in holds().items()]
-    equal, twice = digits.count(authors.EQUAL), digits.count(authors.TWICE)
+    equal, twice, drawn = map(digits.count, (authors.EQUAL, authors.TWICE, authors.SAMPLED))
     held = words.count(rules.REPRODUCED), words.count(rules.TREND), len(words)
     return (
         f"Under its authors' own conventions {equal} of {len(digits)} numbers printed of the "
-        f"trigger and of SNGR come out to\nthe last digit, and {twice} more were rounded twice. "
-        "Over a hundred worlds {} (+ {}) of {} claims in words hold.".format(*held)
+        f"trigger and of SNGR come out to\nthe last digit, {twice} more were rounded twice, and "
+        f"{drawn} lie among twenty runs of a sampler that had no seed. "
+        "Over\na hundred worlds {} (+ {}) of {} claims in words hold.".format(*held)
     )
