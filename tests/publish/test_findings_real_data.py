@@ -34,11 +34,12 @@ def test_no_labels_are_as_good_as_right_ones():
             assert of[kind] < 1.05 * right
 
 
-def test_what_fails_is_doubted_and_nothing_else():
+def test_what_fails_is_doubted_and_of_what_is_sound_the_clutter_alone():
     failed = OURS["rmse"] > 1.0
     assert failed.sum() == 2
     assert (OURS["kind"][failed] == "cut").all()
-    assert (OURS["doubtful"].astype(bool) == failed).all()
+    for rows in (OURS, ONLINE[ONLINE["method"] == "online"]):
+        assert (rows["doubtful"].astype(bool) == rows["kind"].isin(["cut", "clutter"])).all()
 
 
 def test_the_scale_is_near_that_of_the_gps_and_a_little_too_sure():
@@ -67,15 +68,11 @@ def test_online_ends_within_two_centimetres_of_batch():
     assert (few[["used", "right"]] > 0.98).all(axis=None)
 
 
-def test_only_on_plaza2_a_sound_run_doubts_itself_for_its_odometry_errs_to_one_side():
-    assert (DRIVEN["doubtful"].astype(bool) == (DRIVEN["set"] == "Plaza2")).all()
-    assert DRIVEN[DRIVEN["set"] == "Plaza2"]["reasons"].str.startswith("odometry and map").all()
-
-
-def test_while_driving_right_labels_would_do_no_better():
+def test_while_driving_right_labels_would_do_no_better_in_three_runs_of_four():
     rows = DRIVEN[DRIVEN["p"] == 0.4]
     assert (rows["filtered_beside"] > 1.2 * rows["final"]).all()
-    assert (rows["filtered_beside"] < 1.1 * rows["filtered_oracle"]).all()
+    assert len(rows) == 4
+    assert (rows["filtered_beside"] < 1.1 * rows["filtered_oracle"]).sum() == 3
 
 
 def test_with_missed_steps_open_batch_is_as_sure_as_it_should_be_and_online_nearly():
@@ -188,7 +185,8 @@ def test_huber_holds_longer_and_cauchy_loses_a_little_at_each_level():
     for name in real_data.OTHER:
         cauchy = level["cauchy", name]
         assert cauchy.is_monotonic_increasing
-        assert cauchy.iloc[-1] < 0.6
+        assert cauchy.loc[:0.4].max() < 0.4
+    assert level["cauchy", "Plaza2"].iloc[-1] > 10
 
 
 def test_some_peers_are_lost_with_right_labels_and_truncated_squares_with_three_in_five():
