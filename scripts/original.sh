@@ -4,6 +4,7 @@
 set -euo pipefail
 unset CDPATH PIP_USER PIP_TARGET PIP_PREFIX PIP_REQUIRE_VIRTUALENV
 cd "$(dirname "$0")/.."
+[[ ${2:-} =~ ^[0-9]+$ ]] || { sed -n '2,3s/^# //p' scripts/original.sh >&2; exit 2; }
 
 packages=(gtsam==4.2 dynesty==3.0.0 'numpy<2')
 env=build/gtsam42

@@ -1,5 +1,6 @@
 # Sourced before pip or uv is called: of their settings, only what says where packages come from,
 # and how, may count here.
+if [ "${BASH_SOURCE[0]}" = "$0" ]; then sed -n '1,2s/^# //p' "$0" >&2; exit 2; fi
 for setting in $(compgen -e | grep -E '^(PIP|UV)_' || true); do
   case "$setting" in
     *_INDEX* | *_CERT* | *_PROXY | *_FIND_LINKS | *_HOST | *_TIMEOUT | *_RETRIES | *_CACHE_DIR) ;;

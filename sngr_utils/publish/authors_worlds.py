@@ -114,6 +114,8 @@ def told() -> dict[str, str]:
             found[entry.id] = f"{come_out} of {len(known)} digits"
     shares = {entry.id: entry.share for entry in claims.read().prose}
     for name, each in holds().items():
+        if name not in shares:
+            continue
         verdict = rules.share(each, shares[name])
         found[name] = f"{int(each.sum())} of {len(each)}: {verdict}"
     return found
@@ -123,7 +125,7 @@ def sentence() -> str:
     """The digits and the claims in words that hold, for the README."""
     digits = list(authors.compared(authors.read()).values())
     shares = {entry.id: entry.share for entry in claims.read().prose}
-    words = [rules.share(each, shares[name]) for name, each in holds().items()]
+    words = [rules.share(each, shares[k]) for k, each in holds().items() if k in shares]
     equal, twice, drawn = map(digits.count, (authors.EQUAL, authors.TWICE, authors.SAMPLED))
     held = words.count(rules.REPRODUCED), words.count(rules.TREND), len(words)
     return (

@@ -4,7 +4,7 @@ The posterior of a range is then a sum over all matchings of its scan, a permane
 taken one after another, and all that a later one must know is which of the landmarks that it may
 have come from are taken: those are *open*. Time and memory grow with 2^(open landmarks), however
 many there are in all; ranges that share no plausible landmark, directly or through others, are
-never open together.
+never open together. The recursion and its kernels stand together: above 300 lines.
 """
 
 import math

@@ -116,7 +116,7 @@ def test_the_registered_studies_run(name, short_drives):
 @pytest.mark.parametrize(
     ("options", "status", "why"),
     [
-        (["--jobs", "0"], 2, "--jobs: '0' is no number of workers, 1 or more"),
+        (["--jobs", "0"], 2, "--jobs: '0' is no number of workers, 1 to 9999"),
         (["--jobs", "two"], 2, "--jobs: 'two' is no number of workers"),
         (["--scheduler", "nowhere"], 1, "error: --scheduler nowhere: "),
     ],

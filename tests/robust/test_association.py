@@ -236,11 +236,10 @@ def test_label_probabilities_are_a_label_that_may_mean_several():
     assert np.allclose(prior[1], [0.6 * 0.5 + 0.2 * 0.3, 0.6 * 0.3 + 0.2 * 0.5, 0.2 * 0.8, 0.2])
 
 
-@pytest.mark.parametrize("n_landmarks", [0, 1])
-def test_one_landmark_or_none_leave_no_label_to_be_wrong(n_landmarks):
-    drawn = scans([0], [n_landmarks - 1], [3.0], np.zeros((1, 3)), np.zeros((n_landmarks, 2)))
+def test_one_landmark_leaves_no_label_to_be_wrong():
+    drawn = scans([0], [0], [3.0], np.zeros((1, 3)), np.zeros((1, 2)))
     prior = np.exp(association.log_prior(drawn, Shares(0.4, 0.2)))
-    assert np.allclose(prior, [[0.8, 0.2][2 - n_landmarks - 1 :]] if n_landmarks else [[1.0]])
+    assert np.allclose(prior, [[0.8, 0.2]])
 
 
 PLACES = np.array([[0.0, 0.0, 0.3], [1.0, -1.0, 2.0]]), np.array([[3.0, 4.0], [5.0, 1.0]])
