@@ -12,20 +12,25 @@ from sngr_utils import paths
 from sngr_utils.publish import printed
 from sngr_utils.publish.notebooks import ProjectError
 
-DIGITS = paths.PAPER / "studies" / "authors_digits.json"
 EQUAL, TWICE, SAMPLED, UNEQUAL = "equal", "rounded twice", "in some draws", "unequal"
 SAMPLED_KEYS = ("pose_rmse", "nees")  # of the table "sngr": what the sampler moves
 # Unequal with a reason: TP + FP is 12 in that row, printed too.
 MISPRINTS = {("per_seed_p0.3", "3", "triggered"): "a misprint of 12"}
 
 
-def read(file: Path = DIGITS) -> dict:
-    """What `make original` wrote.
+def digits() -> Path:
+    """Where the committed digits are."""
+    return paths.PAPER / "studies" / "authors_digits.json"
+
+
+def read(file: Path | None = None) -> dict:
+    """What `make original` wrote, there or where it is committed.
 
     Raises
     ------
     ProjectError : nothing there
     """
+    file = file or digits()
     if not file.exists():
         raise ProjectError(f"{file.name} is missing: make original")
     return json.loads(file.read_text())

@@ -15,7 +15,6 @@ from sngr_utils.metrics.cluster_bootstrap import Interval
 from sngr_utils.publish import authors, claims, rules
 from sngr_utils.publish.notebooks import ProjectError
 
-WORLDS = paths.PAPER / "studies" / "authors_conventions.json"
 SEED = 7300
 WINDOWS = 28  # of a world, all of which an exhaustive run refines
 
@@ -28,9 +27,10 @@ def rows() -> pd.DataFrame:
     ------
     ProjectError : the study is not there
     """
-    if not WORLDS.exists():
-        raise ProjectError(f"{WORLDS.name} is missing: make study/authors_conventions")
-    cells = json.loads(WORLDS.read_text())["rows"]
+    file = paths.PAPER / "studies" / "authors_conventions.json"
+    if not file.exists():
+        raise ProjectError(f"{file.name} is missing: make study/authors_conventions")
+    cells = json.loads(file.read_text())["rows"]
     return pd.DataFrame([row for cell in cells for row in cell]).astype(float)
 
 
@@ -112,20 +112,21 @@ def told() -> dict[str, str]:
         if known:
             come_out = sum(verdict in (authors.EQUAL, authors.TWICE) for verdict in known)
             found[entry.id] = f"{come_out} of {len(known)} digits"
-    shares = {entry.id: entry.share for entry in claims.read().prose}
-    for name, each in holds().items():
-        if name not in shares:
-            continue
-        verdict = rules.share(each, shares[name])
+    for name, (each, verdict) in _judged().items():
         found[name] = f"{int(each.sum())} of {len(each)}: {verdict}"
     return found
+
+
+def _judged() -> dict[str, tuple[np.ndarray, str]]:
+    """Claim in words -> the worlds where it holds, see `holds`, and the verdict."""
+    shares = {entry.id: entry.share for entry in claims.read().prose}
+    return {name: (each, rules.share(each, shares[name])) for name, each in holds().items()}
 
 
 def sentence() -> str:
     """The digits and the claims in words that hold, for the README."""
     digits = list(authors.compared(authors.read()).values())
-    shares = {entry.id: entry.share for entry in claims.read().prose}
-    words = [rules.share(each, shares[k]) for k, each in holds().items() if k in shares]
+    words = [verdict for _, verdict in _judged().values()]
     equal, twice, drawn = map(digits.count, (authors.EQUAL, authors.TWICE, authors.SAMPLED))
     held = words.count(rules.REPRODUCED), words.count(rules.TREND), len(words)
     return (

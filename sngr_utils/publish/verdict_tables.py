@@ -79,9 +79,10 @@ def result(verdicts: Verdicts) -> dict:
         "claims_controls": _table(control_table(verdicts.controls)),
         "claims_groups": _table(groups(verdicts.read), "llp{48mm}p{48mm}rl"),
         "claims_prose": _table(prose(verdicts.read), "lllll"),
-        "claims_authors": _table(by_authors(verdicts.read), "lp{80mm}ll"),
     }
-    values |= _of_authors()
+    if authors.digits().exists():  # else the paper names what it misses
+        tables["claims_authors"] = _table(by_authors(verdicts.read), "lp{80mm}ll")
+        values |= _of_authors()
     return {"notebook": "claims", "values": values, "tables": tables}
 
 
