@@ -11,7 +11,7 @@ from sngr_utils.files import formats, plaza
 from sngr_utils.files.recording import Recording
 from sngr_utils.metrics.alignment import aligned_errors, aligned_rmse, incremental_rmse, rigid
 from sngr_utils.metrics.rmse_and_nees import nees
-from sngr_utils.robust import growing_map, losses
+from sngr_utils.robust import diagnosis, growing_map, losses
 from sngr_utils.robust.growing_map import GrownMap
 from sngr_utils.slam import chain_problem, chain_solver, missed_steps
 from sngr_utils.slam.aligned_covariance import aligned_covariances
@@ -224,7 +224,7 @@ def run_goats(number: int) -> list[dict]:
 
     recording = formats.read(Path(gtsam.findExampleDataFile(f"goats_{number}.pyfg")))
     log = recording.log
-    held = np.arange(len(log.ranges)) % growing_map.HELD_OUT == 0
+    held = np.arange(len(log.ranges)) % diagnosis.HELD_OUT == 0
     grown = growing_map.estimate(log.keep(~held))
     soft, asked, seen = grown.soft, log.keep(held), grown.noise.log
     chain = free_chain(seen, soft.landmarks)

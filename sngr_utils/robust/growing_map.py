@@ -33,7 +33,6 @@ WIDEST, LAST = 3.0, 2.0  # range sigmas that a longer prefix starts with, and a 
 STARVING = 0.25  # of the ranges that are promised to a landmark: with less it is started again
 WIDE = 1e3  # longest ranges, the sigma of a prior that says nothing of a landmark
 ROUNDS, SAME = 4, 0.01  # of noise and map in turn, and the logarithm of a sigma that has settled
-HELD_OUT = 10  # one range of so many is held out
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sngr_utils.robust.association import NEGLIGIBLE
 from sngr_utils.robust.em import SoftEstimate
-from sngr_utils.slam import chain_problem, chain_solver, information
+from sngr_utils.slam import chain_solver, information
 from sngr_utils.slam.chain_problem import Chain
 from sngr_utils.slam.range_loss import LEAST_SQUARES
 
@@ -77,7 +76,7 @@ def differ(one: SoftEstimate, other: SoftEstimate, sure: np.ndarray) -> bool:
 
 def turned(found: SoftEstimate) -> list[Turned]:
     """Every choice of sides that an estimate leaves open, the best first."""
-    chain = chain_problem.weighted(found.chain, found.weights, 1.0, NEGLIGIBLE)
+    chain, _ = found.minimum
     if not len(chain.ranges):
         return []
     here = _settled(chain, found, found.landmarks)

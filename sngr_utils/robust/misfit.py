@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from sngr_utils.robust.association import NEGLIGIBLE
 from sngr_utils.robust.em import SoftEstimate
-from sngr_utils.slam import chain_cost, chain_problem, chain_solver, damped_step, information
+from sngr_utils.slam import chain_cost, damped_step, information
 from sngr_utils.slam.chain_cost import State
 from sngr_utils.slam.chain_problem import Chain
 from sngr_utils.slam.range_loss import LEAST_SQUARES
@@ -58,8 +57,10 @@ def misfits(log: Log, found: SoftEstimate) -> list[Misfit]:
 
     Source: Rao, Proceedings of the Cambridge Philosophical Society 44, 1948.
     """
-    chain = chain_problem.weighted(found.chain, found.weights, 1.0, NEGLIGIBLE)
-    if not len(chain.ranges) or not len(log.odometry):
+    if not len(log.odometry) or not len(log.ranges):
+        return []
+    chain, at = found.minimum
+    if not len(chain.ranges):
         return []
     steps = np.sqrt(np.median(np.diagonal(log.odometry_covariances, 0, 1, 2), axis=0))
     sigma = np.median(log.range_sigmas)
@@ -69,16 +70,16 @@ def misfits(log: Log, found: SoftEstimate) -> list[Misfit]:
     ):
         if column < 0:
             asked[name] = step
-    return [_misfit(log, chain, found, name, step) for name, step in asked.items()]
+    return [_misfit(log, chain, at, name, step) for name, step in asked.items()]
 
 
-def _misfit(log: Log, chain: Chain, found: SoftEstimate, name: str, step: float) -> Misfit:
+def _misfit(log: Log, chain: Chain, at: State, name: str, step: float) -> Misfit:
     """See `misfits`; derivatives are differences over a `step`, where the cost is quadratic."""
     costs, systems = [], []
     for by in (-step, 0.0, step):
-        problem, at = _changed(log, chain, found, name, by)
-        costs.append(chain_cost.cost(problem, LEAST_SQUARES, at))
-        systems.append(chain_cost.linearise(problem, LEAST_SQUARES, at))
+        problem, there = _changed(log, chain, at, name, by)
+        costs.append(chain_cost.cost(problem, LEAST_SQUARES, there))
+        systems.append(chain_cost.linearise(problem, LEAST_SQUARES, there))
     before, here, after = systems
     cross = here._replace(
         slope=(after.slope - before.slope) / (2 * step),
@@ -95,14 +96,10 @@ def _misfit(log: Log, chain: Chain, found: SoftEstimate, name: str, step: float)
     return Misfit(name, float(-slope / left / step), p_value)
 
 
-def _changed(
-    log: Log, chain: Chain, found: SoftEstimate, name: str, by: float
-) -> tuple[Chain, State]:
+def _changed(log: Log, chain: Chain, at: State, name: str, by: float) -> tuple[Chain, State]:
     """The problem with one of its numbers changed, and the estimate as a point of it."""
-    at = chain_solver.state_of(chain, found.poses, found.landmarks)
-    at = at._replace(calibration=found.calibration)
     if name in CALIBRATION:
         change = by * np.eye(2)[CALIBRATION.index(name)]
-        return chain, at._replace(calibration=found.calibration + change)
+        return chain, at._replace(calibration=at.calibration + change)
     change = by * np.eye(3)[ODOMETRY.index(name)]
     return chain._replace(motions=information.frames_of(log.odometry + change)), at
