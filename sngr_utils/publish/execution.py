@@ -18,7 +18,7 @@ from typing import Any
 
 from sngr_utils import paths
 from sngr_utils.publish import notebooks
-from sngr_utils.publish.files import read_json, write_json, write_text
+from sngr_utils.publish.files import write_json, write_text
 from sngr_utils.publish.freshness import STAMP, digest, file_digest, inputs, is_whole_run
 from sngr_utils.publish.notebooks import ProjectError
 
@@ -45,7 +45,7 @@ def run_of(name: str, params: dict[str, Any]) -> Path:
             return folder
         staging = paths.STAGING / name
         print(f"{name}: running", flush=True)
-        execute(name, params, staging)
+        seconds = execute(name, params, staging)
         if not (staging / f"{name}.json").exists():
             raise ProjectError(f"{name} ran but saved no results: it must call Report.save()")
         files = {path.name: file_digest(path) for path in sorted(staging.iterdir())}
@@ -53,7 +53,7 @@ def run_of(name: str, params: dict[str, Any]) -> Path:
         shutil.rmtree(folder, ignore_errors=True)
         folder.parent.mkdir(parents=True, exist_ok=True)
         os.replace(staging, folder)
-        print(f"{name}: done in {read_json(folder / SECONDS)['seconds']:.0f} s", flush=True)
+        print(f"{name}: done in {seconds:.0f} s", flush=True)
     return folder
 
 
@@ -72,8 +72,12 @@ def alone(name: str) -> Iterator[None]:
         yield
 
 
-def execute(name: str, params: dict[str, Any], folder: Path) -> None:
-    """papermill the notebook into an emptied folder, as ``<folder>/<name>.ipynb``; time it.
+def execute(name: str, params: dict[str, Any], folder: Path) -> float:
+    """papermill the notebook into an emptied folder, as ``<folder>/<name>.ipynb``.
+
+    Returns
+    -------
+    how long it took [s], which a file beside it tells too
 
     Raises
     ------
@@ -115,7 +119,9 @@ def execute(name: str, params: dict[str, Any], folder: Path) -> None:
     executed = json.loads(output.read_text(encoding="utf-8"))
     tidy(executed)
     write_notebook(output, executed)
-    write_json(folder / SECONDS, {"seconds": time.perf_counter() - started})
+    seconds = time.perf_counter() - started
+    write_json(folder / SECONDS, {"seconds": seconds})
+    return seconds
 
 
 def tidy(notebook: dict) -> None:
