@@ -66,10 +66,8 @@ class Replay:
 
 def replay_of(path) -> Replay:
     """The run of a notebook with its own defaults; as far as it got, if a cell failed."""
-    defaults = notebooks.declared_parameters(path.stem)
-    defaults.pop(notebooks.OUTPUT_DIR, None)
     try:
-        folder = execution.run_of(path.stem, defaults)
+        folder = execution.run_of(path.stem, notebooks.own_parameters(path.stem))
     except notebooks.ProjectError:
         folder = paths.STAGING / path.stem
         if not (folder / path.name).exists():

@@ -104,6 +104,7 @@ def execute(name: str, params: dict[str, Any], folder: Path) -> float:
             cwd=paths.NOTEBOOKS,
             progress_bar=bar,
             autosave_cell_every=0,
+            coalesce_streams=True,
             extra_arguments=QUIET_KERNEL,
         )
     except PapermillExecutionError as error:

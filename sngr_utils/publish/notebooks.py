@@ -76,6 +76,13 @@ def declared_parameters(name: str) -> dict[str, Any]:
     return declared
 
 
+def own_parameters(name: str) -> dict[str, Any]:
+    """`declared_parameters` without the runner's."""
+    declared = declared_parameters(name)
+    declared.pop(OUTPUT_DIR, None)
+    return declared
+
+
 def _cells(name: str) -> list[tuple[str, str, list[str]]]:
     """Kind, text and tags of each cell."""
     path = paths.NOTEBOOKS / f"{name}.ipynb"

@@ -100,13 +100,16 @@ def handed_on(result: dict) -> dict[str, dict]:
     return {**entries(result), **cells.entries(result["tables"])}
 
 
+def compare_run(name: str, folder: Path) -> list[Comparison]:
+    """All numbers of a run of a notebook in `folder` with the reference."""
+    path = paths.REFERENCE / f"{name}.json"
+    now = handed_on(read_json(folder / f"{name}.json"))
+    return compare_values(read_json(path) if path.exists() else {}, now)
+
+
 def compare(folder: Path) -> int:
     """Compare the results below `folder` with the reference, print the table, return breaches."""
-    rows = []
-    for name in notebooks.names():
-        now = handed_on(read_json(folder / name / f"{name}.json"))
-        path = paths.REFERENCE / f"{name}.json"
-        rows += compare_values(read_json(path) if path.exists() else {}, now)
+    rows = [row for name in notebooks.names() for row in compare_run(name, folder / name)]
     breaches = sum(not row.holds for row in rows)
     print(table(rows))
     print(f"{len(rows)} values compared, {breaches} outside their tolerance")

@@ -5,7 +5,15 @@ import pytest
 
 from sngr_utils import bimodal, paths, trigger_sweep
 from sngr_utils.__main__ import main
-from sngr_utils.publish import cells, files, notebooks, report, verdict_tables, verify
+from sngr_utils.publish import (
+    cells,
+    execution,
+    files,
+    notebooks,
+    report,
+    verdict_tables,
+    verify,
+)
 from sngr_utils.show import bimodal as show_bimodal
 from sngr_utils.show import trigger_sweep as show_trigger_sweep
 
@@ -79,6 +87,13 @@ def test_an_error_of_zero_or_rounding_counts_for_nothing(tmp_path, value, error,
     assert {entry["tolerance"]["kind"] for entry in written.values()} <= {"exact", "absolute"}
     assert written["k"]["tolerance"] == written["without"]["tolerance"]
     assert all(row.holds for row in verify.compare_values(written, written))
+
+
+@pytest.mark.parametrize("name", notebooks.names())
+def test_committed_reference_is_what_the_committed_notebook_gives(name):
+    """Each notebook's own run, which is executed only where no test before has done so."""
+    folder = execution.run_of(name, notebooks.own_parameters(name))
+    assert [row for row in verify.compare_run(name, folder) if not row.holds] == []
 
 
 def sampled(values, tmp_path, fmt=".2f"):
