@@ -222,7 +222,7 @@ def _words(sweep: Sweep) -> dict[str, cells.Cell]:
     worlds = {role: [_detected(run, config.tau) for run in sweep.level(levels[role])]
               for role in ("clean", "least", "noisy")}  # fmt: skip
     silent = sum(world["triggered"] == 0 for world in worlds["clean"])
-    blind = sum(world["triggered"] == 0 < world["failed"] for world in worlds["noisy"])
+    blind = sum(world["tp"] == 0 < world["failed"] for world in worlds["noisy"])
     alarms = sum(world["fp"] for world in worlds["clean"])
     first, of = worlds["least"][0], len(config.seeds)
     within, pooled = ranking(sweep, levels["most"])
@@ -232,7 +232,7 @@ def _words(sweep: Sweep) -> dict[str, cells.Cell]:
         f"blind? p = {levels['least']:g}, first world: fires, failed": cells.cell(
             "{:d}, {:d}", first["triggered"], first["failed"]
         ),
-        f"blind: worlds at p = {levels['noisy']:g} in which nothing fires": cells.cell(
+        f"blind: worlds at p = {levels['noisy']:g}, none of the failed fires": cells.cell(
             "{:d} of {:d}", blind, of
         ),
         f"informative? area within a world, p = {levels['most']:g}": cells.number(within),

@@ -9,6 +9,8 @@ from sngr_utils.publish import report
 from sngr_utils.publish.cells import cell, number
 from sngr_utils.show import methods, style
 
+OVERCONFIDENT = 4.0  # NEES, twice what is due
+
 
 def cases(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Worlds alike but for their seeds, by name; the preset is named where it is not C."""
@@ -76,7 +78,7 @@ def record(rows: pd.DataFrame, to: report.Report) -> None:
     """Hand on how many worlds were lost, how many of which doubted themselves, or were to be found.
 
     Lost by the search is a world in which EM from the truth finds a better estimate, which is
-    likelier by a nat.
+    likelier by a nat. Overconfident is an estimate whose NEES is above `OVERCONFIDENT`.
     """
     lost, doubted = rows["final"] > LOST, rows["doubtful"] > 0
     to.value("worlds.n", len(rows), ".0f")
@@ -85,3 +87,6 @@ def record(rows: pd.DataFrame, to: report.Report) -> None:
     to.value("worlds.others_doubted", (~lost & doubted).sum(), ".0f")
     missed = (rows["at_truth"] <= LOST) & (rows["behind"] > 1.0)
     to.value("worlds.lost_by_search", (lost & missed).sum(), ".0f")
+    over = rows["nees"] > OVERCONFIDENT
+    to.value("worlds.overconfident", over.sum(), ".0f")
+    to.value("worlds.overconfident_doubted", (over & doubted).sum(), ".0f")

@@ -37,8 +37,9 @@ ASKED = (
     }
 )
 ASKED |= {
-    f"worlds.{key}" for key in ("n", "lost", "lost_doubted", "others_doubted", "lost_by_search")
-}
+    f"worlds.{key}" for key in ("n", "lost", "lost_doubted", "others_doubted", "lost_by_search",
+                                "overconfident", "overconfident_doubted")
+}  # fmt: skip
 
 
 def interval(values):
@@ -147,6 +148,15 @@ def test_one_in_thirteen_is_lost_most_of_them_misled_and_nearly_all_of_those_dou
     assert rest["doubtful"].mean() < 0.1
     assert 0.6 < (rest["at_truth"] > every_world.LOST).mean() < 0.73
     assert rows[rows["kind"] == "ranges 10 % long"]["doubtful"].all()
+
+
+def test_few_err_by_far_more_than_they_say_and_nearly_all_of_those_doubt_themselves():
+    over, doubted = value("worlds.overconfident"), value("worlds.overconfident_doubted")
+    assert over < 0.05 * value("worlds.n")
+    assert doubted > 0.9 * over
+    rows = studies.committed("every_world")
+    others = rows[(rows["final"] > every_world.LOST) & (rows["doubtful"] == 0)]
+    assert (others["nees"] < 2.4).mean() > 0.8  # the asked interval's end
 
 
 def test_of_all_constants_two_matter_and_both_where_odometry_slips():
