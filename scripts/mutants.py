@@ -138,10 +138,15 @@ def main() -> int:
     names = sorted(module_of)
     if 0 < asked.sample < len(names):
         names = random.Random(asked.seed).sample(names, asked.sample)
-    print(f"{len(names)} of {len(module_of)} mutants of {len(modules)} modules, seed {asked.seed}")
-    code = subprocess.run([Path(sys.executable).with_name("mutmut"), "run", *names]).returncode
-    if code != 0:
-        sys.exit(f"error: mutmut ended with {code}: do the tests pass without a mutant?")
+    of = f"{len(names)} of {len(module_of)} mutants of {len(modules)} modules, seed {asked.seed}"
+    print(of, flush=True)
+    shown = None if sys.stdout.isatty() else subprocess.PIPE  # it draws as for a terminal
+    mutmut = Path(sys.executable).with_name("mutmut")
+    done = subprocess.run([mutmut, "run", *names], stdout=shown, text=True)
+    if done.returncode != 0:
+        said = (done.stdout or "").rsplit("\r", 1)[-1]
+        said += f"error: mutmut ended with {done.returncode}: do the tests pass without a mutant?"
+        sys.exit(said)
     return report(names, module_of, known)
 
 
