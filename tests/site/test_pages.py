@@ -15,6 +15,7 @@ def test_each_page_is_sound_in_both_colour_schemes(name, page):
     for scheme, grey in BACKGROUND.items():
         shown.emulate_media(color_scheme=scheme)
         shown.wait_for_function(f"Math.abs(({GREY})() - {grey}) < 60", timeout=10_000)
+        shown.wait_for_function("document.getAnimations().length === 0")  # colours on their way
         findings = Axe().run(shown, options=FROM_A_FOLDER).response["violations"]
         grave = [one for one in findings if one["impact"] in {"serious", "critical"}]
         assert not {one["id"]: [node["html"][:200] for node in one["nodes"]] for one in grave}
