@@ -187,10 +187,15 @@ def test_where_too_many_are_open_the_least_plausible_pairs_go_first():
 
 def test_where_too_many_are_open_every_range_is_on_its_own_and_that_is_said():
     logs = np.random.default_rng(0).normal(size=(18, 19))
-    with pytest.warns(mutual_exclusion.ExclusionWarning, match="1 scans have more than 14") as told:
+    with pytest.warns(mutual_exclusion.ExclusionWarning, match="1 scans have more than 14"):
         found = mutual_exclusion.exclusive_posterior(logs)
-    assert told[0].filename == __file__
     assert np.allclose(found, association.posterior(logs))
+
+
+def test_that_warning_is_of_the_callers_line():
+    with pytest.warns(mutual_exclusion.ExclusionWarning) as told:
+        mutual_exclusion.exclusive_posterior(np.zeros((18, 19)))
+    assert told[0].filename == __file__
 
 
 def test_em_says_of_how_many_scans_it_gave_up_exclusion():
