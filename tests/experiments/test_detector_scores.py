@@ -2,10 +2,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sngr_utils.detection import scores
+from sngr_utils.detection import leverage, scores
 from sngr_utils.experiments import detector_scores
 from sngr_utils.metrics import cluster_bootstrap, precision_recall
-from sngr_utils.slam import conventions
+from sngr_utils.slam import conventions, isam2, selected_inverse
 from sngr_utils.sngr import failure, trigger
 from sngr_utils.world import scenario
 
@@ -22,6 +22,30 @@ def rows():
 def test_results_do_not_depend_on_the_number_of_processes(rows, forked):
     again = detector_scores.run(CASES, PAPER, C, [100, 101], jobs=2)
     pd.testing.assert_frame_equal(again, rows.drop(columns="either"))
+
+
+def test_either_counts_a_condition_number_by_the_clean_ones():
+    shown = pd.DataFrame({"condition": [1.0, 5.0, 9.0], "chi_square": [0.0, 3.0, 0.5]})
+    clean = pd.DataFrame({"condition": [2.0, 4.0, 6.0, 8.0]})
+    among_clean = np.array([5, 3, 1]) / 5  # p-values: one more than the clean ones above, of five
+    smallest = np.minimum(among_clean, 10.0 ** -shown["chi_square"])
+    found = detector_scores.with_either(shown, clean)["either"]
+    assert np.allclose(found, -np.log10(np.minimum(2 * smallest, 1)))
+
+
+def test_null_rates_are_those_of_each_clean_world():
+    alpha, named = 0.3, ["scenario", "preset", "seed", "estimate", "fired"]
+    found = detector_scores.null_rates(["paper"], PAPER, [100, 101], alpha, jobs=1)
+    assert list(found) == named
+    at_c = found.query("preset == 'C' and estimate == 'iSAM2'").set_index("seed")["fired"]
+    for seed in (100, 101):
+        drawn = detector_scores.Case("paper", 0.0).draw(PAPER, seed)
+        solution = isam2.run_isam2(drawn, C)
+        covariance = selected_inverse.covariance(solution, drawn, C)
+        test = leverage.chi_square(drawn, solution.poses, solution.landmarks, covariance)
+        above = test.surprise[trigger.FIRST_ELIGIBLE :] > -np.log10(alpha)
+        assert at_c[seed] == above.mean()
+    assert found["fired"].nunique() > 1
 
 
 def test_truth_is_what_the_world_says(rows):

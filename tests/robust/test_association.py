@@ -19,10 +19,11 @@ from sngr_utils.slam import (
     chain_solver,
     conventions,
     information,
+    landmark_starts,
     solution,
 )
 from sngr_utils.slam.factors import range_factor, sure_factors
-from sngr_utils.world import log, scenario, simulation
+from sngr_utils.world import dead_reckoning, log, scenario, simulation
 
 C = conventions.PRESETS["C"]
 
@@ -392,6 +393,18 @@ def test_em_without_clutter_in_the_data_finds_next_to_none():
     plain, free = (em.estimate(*given, exclusive=True, clutter=c) for c in (False, True))
     assert 0 < free.shares.clutter < 0.01
     assert np.abs(free.poses - plain.poses)[:, :2].max() < 0.01
+
+
+@pytest.mark.parametrize("start", ["grid", "first_poses"])
+def test_em_starts_where_it_is_told_and_without_clutter_gives_it_nothing(start):
+    drawn = simulation.simulate(scenario.Scenario(n_poses=12), 0.4, rng=np.random.default_rng(100))
+    given = drawn.log(C.x0_sigmas)
+    poses = dead_reckoning.dead_reckoning(given.x0_mean, given.odometry)
+    at = poses, landmark_starts.start_landmarks(given, poses, start)
+    kinds = {"exclusive": False, "clutter": False}
+    found, told = em.estimate(given, C, start, **kinds), em.fit(given, C, at, **kinds)
+    assert np.array_equal(found.poses, told.poses)
+    assert not found.weights[:, -1].any()
 
 
 @pytest.mark.parametrize("exclusive", [False, True])

@@ -14,6 +14,12 @@ def test_windows_are_the_papers():
     assert trigger.triggers(np.full(28, np.inf), 3.96).sum() == 26
 
 
+def test_counts_of_a_window_are_whole_numbers():
+    found = windows.counts(np.array([1, 0, 2, 5]))
+    assert found.tolist() == [3, 7]
+    assert found.dtype.kind == "i"
+
+
 def test_score_closed_form():
     """Equation "score": log10 of the ratio of extreme eigenvalues, whatever the basis."""
     rotation, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(9, 9)))
