@@ -66,7 +66,7 @@ def stretch(
     prior = np.exp(association.log_prior(log, shares))
     none = prior[:, ~np.append(present, False)].sum(axis=1) / log.ranges.max(initial=1e-300)
     with np.errstate(divide="ignore"):
-        log_prior = np.log(np.column_stack([prior[:, :-1][:, present], none]))
+        log_prior = np.log(np.column_stack([prior[:, :-1][:, present], none]), order="C")
     turned = _rotation(-poses[0, 2])
     offsets = (poses[log.pose_of, :2] - poses[0, :2]) @ turned.T
     variances = log.range_sigmas[:, None] ** 2 + spread[present]
@@ -133,7 +133,7 @@ def log_likelihoods(part: Stretch, starts: np.ndarray) -> np.ndarray:
     """(S,) of all ranges, their sources summed out, at (S, 3) first poses, [nats]."""
     peaks = np.exp(part.log_prior)
     peaks[:, :-1] /= np.sqrt(2 * np.pi * part.variances)
-    return _log_likelihoods(part, starts, peaks)
+    return _log_likelihoods(part, np.ascontiguousarray(starts), peaks)
 
 
 @compile_once
@@ -194,7 +194,10 @@ def _refined(part, start, mean, precision):
         weights, c, s = association.posterior(joint), math.cos(pose[2]), math.sin(pose[2])
         away = pose - mean
         away[2] = (away[2] + math.pi) % (2 * math.pi) - math.pi
-        matrix[:], slope[:] = np.diag(precision), -precision * away
+        for i in range(3):
+            slope[i] = -precision[i] * away[i]
+            for j in range(3):
+                matrix[i, j] = precision[i] if i == j else 0.0
         for m in range(len(residuals)):
             x, y = part.offsets[m, 0], part.offsets[m, 1]
             for k in range(len(part.landmarks)):

@@ -74,7 +74,7 @@ class SoftEstimate:
     @property
     def minimum(self) -> tuple[Chain, State]:
         """The problem with weighted ranges whose minimum this is, and the minimum."""
-        chain = chain_problem.weighted(self.chain, self.responsibilities, 1.0, NEGLIGIBLE)
+        chain = chain_problem.weighted(self.chain, self.weights, 1.0, NEGLIGIBLE)
         return chain, self._at(chain)
 
     @cached_property

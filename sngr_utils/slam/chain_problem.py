@@ -58,9 +58,9 @@ def of_log(log: Log, landmarks: np.ndarray, landmark_prior_sigma: float) -> Chai
     """
     calibration = np.array([log.scale, log.offset], dtype=float)
     frames, steps, (means, sigmas), (shifts, shift_sigmas, columns) = _read(
-        log.x0_mean, log.odometry, log.odometry_covariances, log.landmark_means,
-        log.landmark_sigmas, np.ascontiguousarray(landmarks), float(landmark_prior_sigma),
-        calibration,
+        log.x0_mean, log.odometry, np.ascontiguousarray(log.odometry_covariances),
+        log.landmark_means, log.landmark_sigmas, np.ascontiguousarray(landmarks),
+        float(landmark_prior_sigma), calibration,
     )  # fmt: skip
     ranges = log.pose_of, log.label_of, log.ranges, log.range_sigmas, np.ones(len(log.ranges))
     priors = means, sigmas**-2, shifts, shift_sigmas**-2, columns
@@ -85,7 +85,7 @@ def _read(x0_mean, odometry, covariances, surveyed, survey_sigmas, landmarks, si
         known = math.isfinite(survey_sigmas[k])
         own, place = (survey_sigmas[k], surveyed[k]) if known else (sigma, landmarks[k])
         if math.isfinite(own) and math.isfinite(place[0]) and math.isfinite(place[1]):
-            means[k], sigmas[k] = place, own
+            means[k, 0], means[k, 1], sigmas[k] = place[0], place[1], own
     shift_sigmas, columns, column = np.full(2, np.inf), np.full(2, -1), 2 * n_landmarks
     for i in range(2):
         if calibration[i, 1] > 0.0:
