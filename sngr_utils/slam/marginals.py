@@ -35,6 +35,8 @@ def joint_covariance(marginals: gtsam.Marginals, keys: list[int]) -> np.ndarray:
     GTSAM sorts the blocks of its full matrix by key; reading it with ``at(i, j)`` keeps ours.
     """
     joint = marginals.jointMarginalCovariance(keys)
+    if keys == sorted(keys):
+        return joint.fullMatrix()
     return np.block([[joint.at(i, j) for j in keys] for i in keys])
 
 
