@@ -100,8 +100,9 @@ class Landmark:
         inverse = np.linalg.inv(lower)
         n = len(self.ranges)
         return LandmarkFactors(
-            self.positions, np.zeros((n, 2)), np.zeros((n + 1, n)), self.covariance, self.ranges, self.range_sigma**2,
-            self.centre, float(self.prior_sigma), is_ring, np.array(mean, dtype=float),
+            self.positions, np.zeros((n, 2)), np.zeros((n + 1, n)), self.covariance, self.ranges,
+            self.range_sigma**2, self.centre, float(self.prior_sigma), is_ring,
+            np.array(mean, dtype=float),
             inverse.T @ inverse, 2 * float(np.log(np.diag(inverse)).sum()), float(self.ranges[0]),
             float(self.first_sigma),
         )  # fmt: skip
