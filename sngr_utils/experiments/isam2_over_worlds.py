@@ -185,8 +185,9 @@ def _nees_rows(
     for name, given in (("truth", the_world), ("drawn", drawn)):
         solution = isam2.run_isam2(given, conventions)
         errors = solution.poses[:, :2] - the_world.poses[:, :2]
-        for frame in ("world", "body"):
-            covariances = marginals.position_covariances(solution, frame)
+        body = marginals.position_covariances(solution, "body")
+        world = marginals.in_world_frame(body, solution)
+        for frame, covariances in (("world", world), ("body", body)):
             rows.append((name, frame, seed, rmse_and_nees.nees(errors, covariances), preset))
     return rows
 

@@ -17,7 +17,7 @@ from sngr_utils.sampling.targets import compiled
 from sngr_utils.sampling.weighted_samples import WeightedSamples
 from sngr_utils.slam import levenberg_marquardt
 from sngr_utils.slam.solution import Solution
-from sngr_utils.sngr import closure, refine, window_posterior, windows
+from sngr_utils.sngr import closure, window_posterior, windows
 from sngr_utils.sngr.baseline import Baseline
 
 PRIOR_SCALE = 4.0  # of the prior about a settled window, which is divided out again
@@ -38,7 +38,10 @@ def _log_ratio(covariance: np.ndarray, reference: np.ndarray) -> float:
 
 def window_factors(solution: Solution, t: int, factor: float) -> compiled.Factors:
     """The compiled likelihood of window w(t), everything else held."""
-    return engines.flattened(refine.window_likelihood(solution, t, factor))
+    keys = windows.window_keys(t)
+    return compiled.flatten(
+        closure.touching_factors(solution.graph, keys), solution.estimate, keys, factor
+    )
 
 
 def widths(
@@ -107,9 +110,10 @@ def attainable_gain(solution: Solution, t: int, factor: float = 1.0) -> float:
 
     By Levenberg-Marquardt from the estimate: the nearest maximum. Right to about 1e-4.
     """
-    factors = window_factors(solution, t, factor)
     keys = windows.window_keys(t)
-    covariance = closure.conditional_covariance(solution.graph, solution.estimate, keys)
+    touching = closure.touching_factors(solution.graph, keys)
+    factors = compiled.flatten(touching, solution.estimate, keys, factor)
+    covariance = closure.conditional_covariance(touching, solution.estimate, keys)
     cholesky = np.linalg.cholesky(covariance)
     flat = factors._replace(quadratic=-np.linalg.inv(covariance))  # takes the search's prior back
     rotated = cholesky.T @ flat.quadratic @ cholesky

@@ -1,6 +1,7 @@
 """Gradients and Hessians by finite differences."""
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 
@@ -19,10 +20,7 @@ def derivatives(
     function : of (N, d) points, returns (N,) values
     steps : (d, d), in its columns the steps; the derivatives are per step
     """
-    d, eye = len(at), np.eye(len(at))
-    first, second = np.triu_indices(d, 1)
-    pairs = eye[first] + eye[second]
-    directions = np.concatenate([np.zeros((1, d)), eye, -eye, pairs, -pairs])
+    d, (directions, first, second) = len(at), _stencil(len(at))
     slopes, hessians = [], []
     for length in (1, 2):
         f = function(at + length * directions @ steps.T)
@@ -36,3 +34,12 @@ def derivatives(
         hessians.append(hessian)
     slope, hessian = ((4 * one - two) / 3 for one, two in (slopes, hessians))
     return float(f[0]), slope, -hessian
+
+
+@cache
+def _stencil(d: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(N, d) directions of the differences, in units of a step, and the d (d - 1) / 2 pairs."""
+    eye, (first, second) = np.eye(d), np.triu_indices(d, 1)
+    pairs = eye[first] + eye[second]
+    directions = np.concatenate([np.zeros((1, d)), eye, -eye, pairs, -pairs])
+    return directions, first, second

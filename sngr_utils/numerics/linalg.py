@@ -75,15 +75,25 @@ def solve_upper(lower, right):
 
 @compile_once
 def distances(points, places, inverses):
-    """(N, K) squared norms of lower-triangular inverses times offsets from the places."""
-    (n, d), out = points.shape, np.zeros((len(points), len(places)))
-    offset = np.empty(d)
-    for k in range(n):
-        for c in range(len(places)):
+    """(N, K) squared norms of lower-triangular inverses times offsets from the places.
+
+    Four points side by side: in the sums of one alone every term waits for the one before it.
+    """
+    (n, d), out = points.shape, np.empty((len(points), len(places)))
+    offsets = np.empty((d, 4))
+    for c in range(len(places)):
+        for k in range(0, n, 4):
+            k1, k2, k3 = min(k + 1, n - 1), min(k + 2, n - 1), min(k + 3, n - 1)
+            a0 = a1 = a2 = a3 = 0.0
             for i in range(d):
-                offset[i] = points[k, i] - places[c, i]
-                total = 0.0
+                place = places[c, i]
+                offsets[i, 0], offsets[i, 1] = points[k, i] - place, points[k1, i] - place
+                offsets[i, 2], offsets[i, 3] = points[k2, i] - place, points[k3, i] - place
+                t0 = t1 = t2 = t3 = 0.0
                 for j in range(i + 1):
-                    total += inverses[c, i, j] * offset[j]
-                out[k, c] += total * total
+                    factor = inverses[c, i, j]
+                    t0, t1 = t0 + factor * offsets[j, 0], t1 + factor * offsets[j, 1]
+                    t2, t3 = t2 + factor * offsets[j, 2], t3 + factor * offsets[j, 3]
+                a0, a1, a2, a3 = a0 + t0 * t0, a1 + t1 * t1, a2 + t2 * t2, a3 + t3 * t3
+            out[k3, c], out[k2, c], out[k1, c], out[k, c] = a3, a2, a1, a0
     return out

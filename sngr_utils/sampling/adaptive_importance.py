@@ -169,15 +169,18 @@ def _moved(points, shares, gains, mass, trust, places, covariances):
         for i in range(d):
             new_places[c, i] = (1 - trust[c]) * places[c, i]
         for k in range(n):
+            share = trust[c] * gains[k, c] / total
             for i in range(d):
-                new_places[c, i] += trust[c] * gains[k, c] / total * points[k, i]
+                new_places[c, i] += share * points[k, i]
+        least = 1e-9 * mass[c]
         for k in range(n):
-            if shares[k, c] < 1e-9 * mass[c]:
+            if shares[k, c] < least:
                 continue
             for i in range(d):
                 offset[i] = points[k, i] - new_places[c, i]
+                gain = gains[k, c] * offset[i]
                 for j in range(i + 1):
-                    new[c, i, j] += gains[k, c] * offset[i] * offset[j]
+                    new[c, i, j] += gain * offset[j]
         for i in range(d):
             for j in range(i + 1):
                 fitted = trust[c] * new[c, i, j] / mass[c]

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from sngr_utils.numerics.derivatives import STEP, derivatives
 from sngr_utils.numerics.student_t import log_fall, log_height, student_t
@@ -93,7 +94,7 @@ def sample_about(
     noise = student_t(draws, d, rng=rng)
     xi = found.mode + noise @ spread.T
     log_likelihood = log_likelihoods(factors, xi)
-    z = np.linalg.solve(cholesky, xi.T)
+    z = solve_triangular(cholesky, xi.T, lower=True)
     log_ratio = np.log(np.diag(spread)).sum() - np.log(np.diag(cholesky)).sum()
     log_t = log_height(d) + log_fall(np.sum(noise**2, axis=1), d)
     log_prior = -0.5 * np.sum(z**2, axis=0) - 0.5 * d * np.log(2 * np.pi)

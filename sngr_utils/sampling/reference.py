@@ -116,7 +116,7 @@ def window_reference(
     runs = [
         _filter(
             n, kept, target.x0_mean, target.x0_sigmas, target.odometry, target.odometry_sigmas,
-            target.pose_of, target.ranges, target.log_shares, target.landmarks, target.range_sigma,
+            target.pose_of, target.ranges, target.log_shares, target.points, target.range_sigma,
             rng,
         ) for _ in range(filters)
     ]  # fmt: skip
@@ -131,19 +131,20 @@ def window_reference(
 
 
 @compile_once
-def _filter(n, kept, x0_mean, x0_sigmas, odometry, sigmas, pose_of, ranges, log_shares, landmarks,
+def _filter(n, kept, x0_mean, x0_sigmas, odometry, sigmas, pose_of, ranges, log_shares, points,
             range_sigma, rng):  # fmt: skip
     """(kept, d) equally weighted draws of the noises, and the log of the evidence estimate."""
     poses = len(odometry) + 1
     noises, log_evidence = np.zeros((n, 3 * poses)), 0.0
-    where, log_weights = np.empty((poses, 2)), np.empty(n)
+    where, log_weights, none = np.empty((poses, 2)), np.empty(n), np.zeros(3 * poses)
     for t in range(poses):
+        moved = odometry[:t]
         for k in range(n):
             for i in range(3 * t, 3 * t + 3):
                 noises[k, i] = rng.standard_normal()
-            place(noises[k], x0_mean, x0_sigmas, odometry[:t], sigmas, where)
+            place(noises[k], none, x0_mean, x0_sigmas, moved, sigmas, where)
             log_weights[k] = range_term(
-                where, landmarks, pose_of, ranges, log_shares, range_sigma, t, t + 1, -math.inf
+                where, points, pose_of, ranges, log_shares, range_sigma, t, t + 1, -math.inf
             )
         top = log_weights.max()
         steps = np.cumsum(np.exp(log_weights - top))

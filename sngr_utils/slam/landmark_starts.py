@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import leastsq
 
 from sngr_utils.numerics.jit import compile_once
 from sngr_utils.slam.range_density import OUTLIER_SHARE, density, peak
@@ -25,16 +25,19 @@ def start_landmark(positions: np.ndarray, ranges: np.ndarray) -> np.ndarray:
     ranges : (N,), [m]
     """
 
+    def distances(offsets):  # as numpy.linalg.norm, whose own checks take longer than the sum
+        return np.sqrt(np.add.reduce(offsets * offsets, axis=1))
+
     def residuals(point):
-        return np.linalg.norm(point - positions, axis=1) - ranges
+        return distances(point - positions) - ranges
 
     def jacobian(point):
-        offset = point - positions
-        return offset / np.linalg.norm(offset, axis=1, keepdims=True)
+        offsets = point - positions
+        return offsets / distances(offsets)[:, None]
 
-    centroid = positions.mean(axis=0)
-    tight = {"ftol": 1e-14, "xtol": 1e-14, "gtol": 1e-14}
-    return least_squares(residuals, centroid, jacobian, method="lm", **tight).x
+    # MINPACK without the checks of least_squares; told all, it has no warning that 1e-14 is tight
+    tight = {"ftol": 1e-14, "xtol": 1e-14, "gtol": 1e-14, "maxfev": 200, "full_output": True}
+    return leastsq(residuals, positions.mean(axis=0), Dfun=jacobian, **tight)[0]
 
 
 STARTS = {

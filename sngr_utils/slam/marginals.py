@@ -35,16 +35,22 @@ def joint_covariance(marginals: gtsam.Marginals, keys: list[int]) -> np.ndarray:
     GTSAM sorts the blocks of its full matrix by key; reading it with ``at(i, j)`` keeps ours.
     """
     joint = marginals.jointMarginalCovariance(keys)
+    if keys == sorted(keys):
+        return joint.fullMatrix()
     return np.block([[joint.at(i, j) for j in keys] for i in keys])
 
 
 def position_covariances(solution: Solution, frame: str) -> np.ndarray:
     """(T, 2, 2) marginal covariance of each position, [m^2], in the "world" or "body" frame."""
-    all_marginals, blocks = gtsam_marginals(solution), []
-    for t in range(solution.n_poses):
-        block = all_marginals.marginalCovariance(X(t))[:2, :2]
-        if frame == "world":
-            rotation = solution.estimate.atPose2(X(t)).rotation().matrix()
-            block = rotation @ block @ rotation.T
-        blocks.append(block)
-    return np.array(blocks)
+    all_marginals, poses = gtsam_marginals(solution), range(solution.n_poses)
+    blocks = np.array([all_marginals.marginalCovariance(X(t))[:2, :2] for t in poses])
+    return blocks if frame == "body" else in_world_frame(blocks, solution)
+
+
+def in_world_frame(blocks: np.ndarray, solution: Solution) -> np.ndarray:
+    """(T, 2, 2) covariances of the positions of a solution, from those in the poses' own frames."""
+    turned = np.empty_like(blocks)
+    for t, block in enumerate(blocks):
+        rotation = solution.estimate.atPose2(X(t)).rotation().matrix()
+        turned[t] = rotation @ block @ rotation.T
+    return turned

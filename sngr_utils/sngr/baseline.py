@@ -23,6 +23,7 @@ class Baseline:
     world, solution : the data and the MAP estimate
     position_errors : (T,) distance of each pose to the truth, [m]
     covariances : (N, 9, 9) joint marginals of the windows
+    position_covariances : (T, 2, 2) of the solution's positions, in the frame of the NEES, [m^2]
     scores : (N,) log10 condition numbers
     failed : (N,) bool, mean error above 0.5 m
     pose_rmse, landmark_rmse : [m]
@@ -35,6 +36,7 @@ class Baseline:
     solution: Solution
     position_errors: np.ndarray
     covariances: np.ndarray
+    position_covariances: np.ndarray
     scores: np.ndarray
     failed: np.ndarray
     pose_rmse: float
@@ -71,7 +73,7 @@ def run_baseline(scenario: Scenario, conventions: Conventions, p: float, seed: i
     errors = solution.poses[:, :2] - the_world.poses[:, :2]
     distances = np.hypot(errors[:, 0], errors[:, 1])
     covariances = windows.covariances(solution)
-    frame = conventions.nees_frame
+    position_covariances = marginals.position_covariances(solution, conventions.nees_frame)
     return Baseline(
         p=p,
         seed=seed,
@@ -79,9 +81,10 @@ def run_baseline(scenario: Scenario, conventions: Conventions, p: float, seed: i
         solution=solution,
         position_errors=distances,
         covariances=covariances,
+        position_covariances=position_covariances,
         scores=trigger.score(covariances),
         failed=failure.failures(distances),
         pose_rmse=rmse_and_nees.rmse(solution.poses[:, :2], the_world.poses[:, :2]),
         landmark_rmse=rmse_and_nees.rmse(solution.landmarks, the_world.landmarks),
-        nees=rmse_and_nees.nees(errors, marginals.position_covariances(solution, frame)),
+        nees=rmse_and_nees.nees(errors, position_covariances),
     )

@@ -10,7 +10,7 @@ def touching_factors(
     """The factors with at least one of `keys`: all that change when the window moves."""
     index, subset = gtsam.VariableIndex(graph), gtsam.NonlinearFactorGraph()
     for i in sorted({i for key in keys for i in index.at(key)}):
-        subset.push_back(graph.at(i))
+        subset.add(graph.at(i))
     return subset
 
 

@@ -145,7 +145,7 @@ def eliminated(pieces: list[Piece], keep: list[int]) -> tuple[np.ndarray, np.nda
     quadratic, linear = np.zeros((stop[-1], stop[-1])), np.zeros(stop[-1])
     for piece in pieces:
         at = np.concatenate([place[key] for key in piece.keys])
-        quadratic[np.ix_(at, at)] += piece.quadratic
+        quadratic[at[:, None], at] += piece.quadratic
         linear[at] += piece.linear
     d = sum(_dimension(key) for key in keep)
     gain = np.linalg.solve(quadratic[d:, d:], quadratic[d:, :d]).T

@@ -8,6 +8,7 @@ from helpers import anchors, window
 
 from sngr_utils.experiments import sampler_contest
 from sngr_utils.metrics import effective_sample_size
+from sngr_utils.numerics import linalg
 from sngr_utils.sampling import adaptive_importance
 from sngr_utils.sampling.modes import Modes, find_modes, ring_starts
 from sngr_utils.sampling.reference import landmark_reference
@@ -80,3 +81,14 @@ def test_bent_modes_of_a_window(n_ranges):
     found = np.bincount(modes.label(run.samples), run.weights, minlength=len(exact))
     np.testing.assert_allclose(found, exact, atol=0.05)
     assert abs(run.log_evidence - reference.log_evidence) < 0.1
+
+
+@pytest.mark.parametrize("n", [0, 1, 3, 4, 6])
+def test_distances_are_those_of_each_point_alone(n):
+    rng = np.random.default_rng(n)
+    points, places = rng.standard_normal((n, 3)), rng.standard_normal((2, 3))
+    inverses = np.tril(rng.standard_normal((2, 3, 3)))
+    whitened = np.einsum("kij,nkj->nki", inverses, points[:, None] - places)
+    np.testing.assert_allclose(
+        linalg.distances(points, places, inverses), np.sum(whitened**2, axis=2), rtol=1e-12
+    )

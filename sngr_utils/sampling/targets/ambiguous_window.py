@@ -27,7 +27,7 @@ class WindowFactors(NamedTuple):
 
     Attributes
     ----------
-    poses, points : work array (n, 2) and the (K, 2) landmarks
+    poses, points : work array (n, 2) and `Window.points`
     mean, precision : (d,) and (d, d) of the prior
     log_constant : log of the standard normal's constant over that of the prior
     x0_mean, x0_sigmas, odometry, sigmas, pose_of, ranges, log_shares, range_sigma : `Window`
@@ -93,7 +93,7 @@ class Window:
         """The target over the prior N(mean, L L^T), `lower` being the (d, d) L."""
         inverse = np.linalg.inv(lower)
         return WindowFactors(
-            np.zeros((len(self.odometry) + 1, 2)), self.landmarks, np.array(mean, dtype=float),
+            np.zeros((len(self.odometry) + 1, 2)), self.points, np.array(mean, dtype=float),
             inverse.T @ inverse, float(np.log(np.diag(lower)).sum()),
             np.asarray(self.x0_mean, dtype=float), np.asarray(self.x0_sigmas, dtype=float),
             self.odometry, self.odometry_sigmas, self.pose_of, self.ranges, self.log_shares,
@@ -102,8 +102,13 @@ class Window:
 
     def log_likelihoods(self, points: np.ndarray, first: int, stop: int) -> np.ndarray:
         """(N,) log-likelihood of the ranges of the poses first ... stop - 1, [nats]"""
-        return _ranges(self.positions(points), self.landmarks, self.pose_of, self.ranges,
+        return _ranges(self.positions(points), self.points, self.pose_of, self.ranges,
                        self.log_shares, self.range_sigma, first, stop)  # fmt: skip
+
+    @property
+    def points(self) -> np.ndarray:
+        """(K, 3) landmarks, and room for the distances to them, for `range_term`, [m]"""
+        return np.column_stack([self.landmarks, np.zeros(len(self.landmarks))])
 
     def positions(self, noises: np.ndarray) -> np.ndarray:
         """(N, n, 2) positions that (N, 3n) noises lead to, [m]"""
@@ -146,8 +151,11 @@ def window_of(world: World, x0_sigmas: list[float], p: float, n_ranges: int) -> 
 
 
 @compile_once
-def place(noises, x0_mean, x0_sigmas, odometry, sigmas, out):
-    """(n, 2) positions of dead reckoning with every motion disturbed, into `out`."""
+def place(noises, mean, x0_mean, x0_sigmas, odometry, sigmas, out):
+    """(n, 2) positions of dead reckoning with every motion disturbed, into `out`.
+
+    noises, mean : (3n,), whose sum disturbs
+    """
     x, y, theta = x0_mean[0], x0_mean[1], x0_mean[2]
     for t in range(len(odometry) + 1):
         dx, dy, turn = 0.0, 0.0, 0.0
@@ -155,20 +163,20 @@ def place(noises, x0_mean, x0_sigmas, odometry, sigmas, out):
         if t > 0:
             dx, dy, turn = odometry[t - 1, 0], odometry[t - 1, 1], odometry[t - 1, 2]
             scale = sigmas
-        dx += scale[0] * noises[3 * t]
-        dy += scale[1] * noises[3 * t + 1]
+        dx += scale[0] * (mean[3 * t] + noises[3 * t])
+        dy += scale[1] * (mean[3 * t + 1] + noises[3 * t + 1])
         cos, sin = math.cos(theta), math.sin(theta)
         x, y = x + cos * dx - sin * dy, y + sin * dx + cos * dy
-        theta += turn + scale[2] * noises[3 * t + 2]
+        theta += turn + scale[2] * (mean[3 * t + 2] + noises[3 * t + 2])
         out[t, 0], out[t, 1] = x, y
 
 
 @compile_once
 def chain_positions(noises, x0_mean, x0_sigmas, odometry, sigmas):
     """(N, n, 2) positions that (N, 3n) noises lead to."""
-    out = np.empty((len(noises), len(odometry) + 1, 2))
+    out, none = np.empty((len(noises), len(odometry) + 1, 2)), np.zeros(noises.shape[1])
     for k in range(len(noises)):
-        place(noises[k], x0_mean, x0_sigmas, odometry, sigmas, out[k])
+        place(noises[k], none, x0_mean, x0_sigmas, odometry, sigmas, out[k])
     return out
 
 
@@ -176,11 +184,12 @@ def chain_positions(noises, x0_mean, x0_sigmas, odometry, sigmas):
 def range_term(where, points, pose_of, ranges, log_shares, sigma, first, stop, floor):
     """Log-likelihood of the ranges of the poses first ... stop - 1, mixtures over the points.
 
+    The last column of the points is used up: an array of its own would take longer than a range.
     -inf as soon as it must end below `floor`: a mixture's density never exceeds its Gaussians'
     largest.
     """
     total, best, left = 0.0, -math.log(sigma) - 0.5 * math.log(2 * math.pi), len(ranges)
-    distances, at, scale = np.empty(len(points)), -1, 1 / sigma
+    at, scale = -1, 1 / sigma
     for m in range(len(ranges)):
         t = pose_of[m]
         left -= 1
@@ -190,10 +199,10 @@ def range_term(where, points, pose_of, ranges, log_shares, sigma, first, stop, f
             at = t
             for j in range(len(points)):
                 dx, dy = where[t, 0] - points[j, 0], where[t, 1] - points[j, 1]
-                distances[j] = math.sqrt(dx * dx + dy * dy)
+                points[j, 2] = math.sqrt(dx * dx + dy * dy)
         top, summed = -math.inf, 0.0  # of the terms so far: the largest, and the sum over it
         for j in range(len(points)):
-            error = (distances[j] - ranges[m]) * scale
+            error = (points[j, 2] - ranges[m]) * scale
             term = log_shares[m, j] - 0.5 * error * error
             if term > top + NOTHING:
                 top, summed = term, 1.0
@@ -201,7 +210,9 @@ def range_term(where, points, pose_of, ranges, log_shares, sigma, first, stop, f
                 top, summed = term, summed * math.exp(top - term) + 1.0
             elif term > top - NOTHING:
                 summed += math.exp(term - top)
-        total += top + math.log(summed) + best
+        if summed != 1.0:
+            top += math.log(summed)
+        total += top + best
         if total + left * max(best, 0.0) < floor:
             return -math.inf
     return total
@@ -210,15 +221,14 @@ def range_term(where, points, pose_of, ranges, log_shares, sigma, first, stop, f
 @compile_once
 def _window_energy(factors, x, poses, points, limit):
     """Minus the log of the target over the prior, [nats]; inf once it must exceed `limit`."""
-    f, d, noises, half = factors, len(x), np.empty(len(x)), 0.0
+    f, d, half = factors, len(x), 0.0
     for i in range(d):
-        noises[i] = f.mean[i] + x[i]
-        pull = 0.0
+        noise, pull = f.mean[i] + x[i], 0.0
         for j in range(d):
             pull += f.precision[i, j] * x[j]
-        half += 0.5 * (noises[i] * noises[i] - x[i] * pull)
+        half += 0.5 * (noise * noise - x[i] * pull)
     half -= f.log_constant
-    place(noises, f.x0_mean, f.x0_sigmas, f.odometry, f.sigmas, poses)
+    place(x, f.mean, f.x0_mean, f.x0_sigmas, f.odometry, f.sigmas, poses)
     return half - range_term(
         poses, points, f.pose_of, f.ranges, f.log_shares, f.range_sigma, 0, len(poses), half - limit
     )
@@ -228,11 +238,11 @@ evaluated_by(WindowFactors, _window_energy)
 
 
 @compile_once
-def _ranges(where, landmarks, pose_of, ranges, log_shares, sigma, first, stop):
+def _ranges(where, points, pose_of, ranges, log_shares, sigma, first, stop):
     """(N,) `range_term`."""
     out = np.empty(len(where))
     for k in range(len(where)):
         out[k] = range_term(
-            where[k], landmarks, pose_of, ranges, log_shares, sigma, first, stop, -math.inf
+            where[k], points, pose_of, ranges, log_shares, sigma, first, stop, -math.inf
         )
     return out

@@ -26,7 +26,8 @@ class LandmarkFactors(NamedTuple):
 
     Attributes
     ----------
-    poses, points : (n, 2) mean positions of the ranges, [m]; nothing
+    positions : (n, 2) mean positions of the ranges, [m]
+    poses, points : room for `_density`, (n, 2) and (n + 1, n)
     covariance, ranges, variance, centre, prior_sigma : of `Landmark`
     is_ring : whether the prior is a ring; a point is then two normals, else an offset from `mean`
     mean : (2,) of the Gaussian, or the centre of the ring, [m]
@@ -34,6 +35,7 @@ class LandmarkFactors(NamedTuple):
     distance, sigma : radius of the ring and its standard deviation, [m]
     """
 
+    positions: np.ndarray
     poses: np.ndarray
     points: np.ndarray
     covariance: np.ndarray
@@ -96,9 +98,11 @@ class Landmark:
 
     def _over(self, mean: np.ndarray, lower: np.ndarray, is_ring: bool) -> LandmarkFactors:
         inverse = np.linalg.inv(lower)
+        n = len(self.ranges)
         return LandmarkFactors(
-            self.positions, np.zeros((0, 2)), self.covariance, self.ranges, self.range_sigma**2,
-            self.centre, float(self.prior_sigma), is_ring, np.array(mean, dtype=float),
+            self.positions, np.zeros((n, 2)), np.zeros((n + 1, n)), self.covariance, self.ranges,
+            self.range_sigma**2, self.centre, float(self.prior_sigma), is_ring,
+            np.array(mean, dtype=float),
             inverse.T @ inverse, 2 * float(np.log(np.diag(inverse)).sum()), float(self.ranges[0]),
             float(self.first_sigma),
         )  # fmt: skip
@@ -162,18 +166,24 @@ def predicted_positions(
 @compile_once
 def _landmark(points, positions, covariance, ranges, variance, centre, prior_sigma):
     """(N,) `_density` at (N, 2) places."""
-    out = np.empty(len(points))
+    n = len(ranges)
+    out, rays, room = np.empty(len(points)), np.empty((n, 2)), np.empty((n + 1, n))
+    lower, error = room[:n], room[n]
     for k in range(len(points)):
         x, y = points[k, 0], points[k, 1]
-        out[k] = _density(x, y, positions, covariance, ranges, variance, centre, prior_sigma)
+        out[k] = _density(x, y, positions, covariance, ranges, variance, centre, prior_sigma,
+                          rays, lower, error)  # fmt: skip
     return out
 
 
 @compile_once
-def _density(x, y, positions, covariance, ranges, variance, centre, prior_sigma):
-    """Log prior plus log N(ranges; distances, variance I + U P U^T), by a Cholesky factor."""
+def _density(x, y, positions, covariance, ranges, variance, centre, prior_sigma, rays, lower,
+             error):  # fmt: skip
+    """Log prior plus log N(ranges; distances, variance I + U P U^T), by a Cholesky factor.
+
+    rays, lower, error : room for (n, 2), (n, n) and (n,) numbers
+    """
     n = len(ranges)
-    lower, error, rays = np.empty((n, n)), np.empty(n), np.empty((n, 2))
     dx, dy = (x - centre[0]) / prior_sigma, (y - centre[1]) / prior_sigma
     total = -0.5 * (dx * dx + dy * dy + (n + 2) * math.log(2 * math.pi)) - 2 * math.log(prior_sigma)
     for i in range(n):
@@ -230,8 +240,9 @@ def _landmark_energy(factors, x, poses, points, limit):
         half = 0.5 * (q[0, 0] * x[0] * x[0] + q[1, 1] * x[1] * x[1]) + q[0, 1] * x[0] * x[1]
         prior = -half - math.log(2 * math.pi) + 0.5 * f.log_det
     return prior - _density(
-        px, py, f.poses, f.covariance, f.ranges, f.variance, f.centre, f.prior_sigma
-    )
+        px, py, f.positions, f.covariance, f.ranges, f.variance, f.centre, f.prior_sigma,
+        poses, points[:-1], points[-1],
+    )  # fmt: skip
 
 
 evaluated_by(LandmarkFactors, _landmark_energy)

@@ -27,22 +27,31 @@ class LocalLikelihood:
         self.estimate = estimate
         self.factor = factor
         self._moved = gtsam.Values(estimate)
+        self._own = gtsam.Values()
         own = [_variable(estimate, key) for key in keys]
+        for key, variable in zip(keys, own, strict=True):
+            self._own.insert(key, variable)
         sizes = [3 if isinstance(v, gtsam.Pose2) else 2 for v in own]
         slices = [slice(e - n, e) for e, n in zip(np.cumsum(sizes).tolist(), sizes, strict=True)]
-        moves = [v.retract if isinstance(v, gtsam.Pose2) else v.__add__ for v in own]
-        self._moves = list(zip(keys, moves, slices, strict=True))
+        self._parts = list(zip(keys, slices, strict=True))
         self.dimension = sum(sizes)
 
     def variables(self, xi: np.ndarray) -> list[gtsam.Pose2 | np.ndarray]:
         """MAP.retract(xi): the moved variables, in the order of `keys`."""
-        return [move(xi[part]) for _, move, part in self._moves]
+        moved = self._retracted(xi)
+        return [_variable(moved, key) for key in self.keys]
 
     def __call__(self, xi: np.ndarray) -> float:
         """-factor * sum of error() at a (d,) tangent vector, [nats]."""
-        for key, move, part in self._moves:
-            self._moved.update(key, move(xi[part]))
+        self._moved.update(self._retracted(xi))
         return -self.factor * self.factors.error(self._moved)
+
+    def _retracted(self, xi: np.ndarray) -> gtsam.Values:
+        """All that moves, in one call: for every variable alone, GTSAM tries all types there are"""
+        step = gtsam.VectorValues()
+        for key, part in self._parts:
+            step.insert(key, xi[part])
+        return self._own.retract(step)
 
 
 def _variable(values: gtsam.Values, key: int) -> gtsam.Pose2 | np.ndarray:
