@@ -73,6 +73,7 @@ def test_pipeline_tables_and_figures(pipeline, tmp_path):
     assert "printed (SNGR)" in drawn_as_printed(axes[3])
     show.draw_losses(axes[4], {10: np.ones(3), 100: np.ones(3)}, 9, 0.001, 40.0)
     show.draw_step_gains(axes[5], [0.1, 2.0], [0.2, 2.5])
+    show.draw_step_gains(plt.figure().add_subplot(), [], [])  # where no window fires
     to.figure(fig, "all")
 
 

@@ -212,7 +212,8 @@ def draw_losses(
 def draw_step_gains(ax: Axes, sampled: Sequence[float], stepped: Sequence[float]) -> None:
     """Gain of each window by sampling against that by one Gauss-Newton step, with the diagonal."""
     ax.plot(stepped, sampled, "s", color=style.SAMPLES, mfc="none", ms=5, label="a window")
-    ends = [min(*stepped, *sampled), max(*stepped, *sampled)]
+    gains = [*stepped, *sampled] or [0.0]  # where no window fires
+    ends = [min(gains), max(gains)]
     ax.plot(ends, ends, ":", color=style.TRUTH, lw=0.6, label="equal")
     scale = {"linthresh": 0.1}
     ax.set_xscale("symlog", **scale)
