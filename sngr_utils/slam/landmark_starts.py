@@ -11,13 +11,15 @@ from sngr_utils.world import dead_reckoning
 from sngr_utils.world.log import Log
 
 START_AFTER = 3  # distinct poses that must have seen a landmark before it enters the graph
+STRAIGHT = 1e-9  # of the way, by which poses leave a line that is straight but for rounding
+NEAREST = 1e-300  # m, so that the direction to a pose's own place is none
 
 
 def start_landmark(positions: np.ndarray, ranges: np.ndarray) -> np.ndarray:
     """(2,) least-squares position of a landmark from N >= 2 ranges, started at their centroid.
 
     Uses data only. With few poses on a nearly straight line the answer may be the mirror image
-    of the truth; nothing here can tell.
+    of the truth; nothing here can tell. On a straight line it is the place on the left of the way.
 
     Parameters
     ----------
@@ -33,11 +35,21 @@ def start_landmark(positions: np.ndarray, ranges: np.ndarray) -> np.ndarray:
 
     def jacobian(point):
         offsets = point - positions
-        return offsets / distances(offsets)[:, None]
+        return offsets / np.maximum(distances(offsets), NEAREST)[:, None]
 
     # MINPACK without the checks of least_squares; told all, it has no warning that 1e-14 is tight
     tight = {"ftol": 1e-14, "xtol": 1e-14, "gtol": 1e-14, "maxfev": 200, "full_output": True}
-    return leastsq(residuals, positions.mean(axis=0), Dfun=jacobian, **tight)[0]
+    return leastsq(residuals, _off_the_line(positions, ranges), Dfun=jacobian, **tight)[0]
+
+
+def _off_the_line(positions: np.ndarray, ranges: np.ndarray) -> np.ndarray:
+    """(2,) centroid; of a straight line a mean range to its left, for no slope leads off it."""
+    centre, ways = positions.mean(axis=0), positions - positions[0]
+    ahead = ways[np.argmax(np.hypot(*ways.T))]
+    left, length = np.array([-ahead[1], ahead[0]]), math.hypot(*ahead)
+    if np.abs(ways @ left).max() > STRAIGHT * length**2:
+        return centre
+    return centre + ranges.mean() * (left / length if length else np.array([0.0, 1.0]))
 
 
 STARTS = {
@@ -167,7 +179,11 @@ def distance_between(a, b):
 
 @compile_once
 def crossings(positions, distances):
-    """(C, 2) crossings of every two circles, or where they come nearest, [m]."""
+    """(C, 2) crossings of every two circles, [m]; two that do not meet have one place, twice.
+
+    It is where the line of points with the same power to both cuts that of the centres: between
+    circles that lie apart, beyond the larger one of two nested; of concentric ones the centre.
+    """
     n = len(distances)
     found = np.empty((n * (n - 1), 2))
     i = 0

@@ -74,6 +74,30 @@ def test_landmark_start_recovers_noise_free_position():
     assert np.allclose(landmark_starts.start_landmark(positions, ranges), landmark, atol=1e-8)
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("angle", [0.0, 0.3, 0.25 * np.pi, 2.0])
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_landmark_start_is_on_the_left_of_a_straight_way(angle, scale):
+    """Wherever the way lies, and on whichever side the landmark is: the ranges are the same."""
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    along = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+    for side in (2.0, -2.0):
+        ranges = np.linalg.norm(along - [3.0, side], axis=1)
+        moved = scale * (along @ turn.T + [5.0, -7.0])
+        found = landmark_starts.start_landmark(moved, scale * ranges)
+        assert np.allclose(found, scale * (turn @ [3.0, 2.0] + [5.0, -7.0]), atol=1e-6 * scale)
+
+
+@pytest.mark.filterwarnings("error")
+def test_landmark_start_bears_a_pose_at_the_centroid_and_a_robot_that_stands():
+    cross = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    landmark = np.array([3.0, 2.0])
+    found = landmark_starts.start_landmark(cross, np.linalg.norm(cross - landmark, axis=1))
+    assert np.allclose(found, landmark)
+    found = landmark_starts.start_landmark(np.zeros((3, 2)), np.full(3, 2.0))
+    assert np.hypot(*found) == pytest.approx(2.0)
+
+
 def test_landmark_start_knows_nothing_of_the_truth():
     """The same data with other true positions and labels of truth give the same estimate."""
     drawn = simulation.simulate(Scenario(), 0.3, rng=np.random.default_rng(2))
