@@ -102,6 +102,19 @@ def test_crossings_lie_on_both_circles():
     assert np.allclose(found[:, 0], 2)
 
 
+@pytest.mark.parametrize(
+    ("centre", "distances", "place"),
+    [(10.0, (1.0, 2.0), 4.85), (1.0, (5.0, 1.0), 12.5), (0.0, (1.0, 2.0), 0.0)],
+    ids=["apart", "nested", "concentric"],
+)
+def test_circles_that_do_not_meet_have_one_place_of_equal_power(centre, distances, place):
+    positions = np.array([[0.0, 0.0], [centre, 0.0]])
+    found = landmark_starts.crossings(positions, np.array(distances))
+    assert np.allclose(found, [place, 0])
+    powers = np.linalg.norm(found[0] - positions, axis=1) ** 2 - np.square(distances)
+    assert centre == 0 or powers[0] == pytest.approx(powers[1])
+
+
 def one_landmark(mean, covariance):
     """A particle at the origin that knows one landmark of two."""
     state = particles.empty(1, 1, 2, 1)
