@@ -115,6 +115,7 @@ def _settled(chain: Chain, found: SoftEstimate, landmarks: np.ndarray) -> Turned
 def _images(chain: Chain, poses: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
     """(K, 2) landmarks mirrored in the line that fits best the places they were seen from, [m].
 
+    A landmark that was seen from one place, a range sigma wide, is mirrored in that place.
     NaN for one that is absent, or was seen from fewer than two poses.
     """
     images = np.full_like(landmarks, np.nan)
@@ -125,6 +126,8 @@ def _images(chain: Chain, poses: np.ndarray, landmarks: np.ndarray) -> np.ndarra
         places, weights = poses[chain.pose_of[mine], :2], chain.weights[mine]
         centre = np.average(places, axis=0, weights=weights)
         spread = (places - centre).T @ (weights[:, None] * (places - centre))
-        across = np.linalg.eigh(spread)[1][:, 0]
-        images[k] = landmarks[k] - 2 * ((landmarks[k] - centre) @ across) * across
+        widths, axes = np.linalg.eigh(spread / weights.sum())
+        offset, across = landmarks[k] - centre, axes[:, 0]
+        one_place = widths[1] < np.median(chain.sigmas[mine]) ** 2
+        images[k] = landmarks[k] - 2 * (offset if one_place else (offset @ across) * across)
     return images

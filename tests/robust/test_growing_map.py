@@ -9,7 +9,7 @@ from sngr_utils.experiments import every_world
 from sngr_utils.metrics.alignment import aligned_rmse
 from sngr_utils.robust import growing_map
 from sngr_utils.world.dead_reckoning import dead_reckoning, relative_motion
-from sngr_utils.world.log import NO_LABEL
+from sngr_utils.world.log import NO_LABEL, Log
 from sngr_utils.world.scenario import Scenario
 from sngr_utils.world.simulation import simulate
 
@@ -91,6 +91,23 @@ def test_odometry_that_is_zero_and_a_scale_far_off_are_doubted(changed):
     found = {name: value * getattr(log, name) for name, value in changed.items() if name != "scale"}
     with np.errstate(all="ignore"):
         assert growing_map.estimate(replace(log, **{**changed, **found})).doubts
+
+
+def test_a_landmark_seen_from_one_place_is_on_a_ring():
+    """The robot stands: wherever the landmark is on the ring, it is as likely elsewhere."""
+    n, noise = 25, np.random.default_rng(0).normal(0, 0.05, 25)
+    log = Log(
+        odometry=np.zeros((n - 1, 3)),
+        odometry_covariances=np.diag([0.05, 0.05, 0.01]) ** 2,
+        pose_of=np.arange(n),
+        ranges=5 + noise,
+        range_sigmas=0.1,
+        label_of=np.zeros(n),
+        n_landmarks=1,
+        x0_mean=np.zeros(3),
+        x0_sigmas=np.full(3, 0.01),
+    )
+    assert any("another estimate" in doubt for doubt in growing_map.estimate(log).doubts)
 
 
 def test_a_log_without_ranges_is_refused():
