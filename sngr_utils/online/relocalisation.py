@@ -101,12 +101,15 @@ def search(
 
 
 def _crossings(part: Stretch, mine: np.ndarray) -> np.ndarray:
-    """(C, 2) places that have a range of a scan from one landmark, and another from another."""
-    ranges, landmarks = part.ranges[mine], part.landmarks
-    pairs = np.column_stack([part.ranges[mine].repeat(len(landmarks)),
-                             np.tile(np.arange(len(landmarks)), len(ranges))])  # fmt: skip
-    found = landmark_starts.crossings(landmarks[pairs[:, 1].astype(int)], pairs[:, 0].copy())
-    return found[np.isfinite(found).all(axis=1)]
+    """(C, 2) places that have a range of a scan from one landmark, and another from another.
+
+    Without such a pair of circles, those of any two.
+    """
+    range_of, landmark_of = np.indices((len(mine), len(part.landmarks))).reshape(2, -1)
+    found = landmark_starts.crossings(part.landmarks[landmark_of], part.ranges[mine][range_of])
+    pairs = np.array(np.tril_indices(len(range_of), -1))
+    apart = np.ptp(range_of[pairs], axis=0) * np.ptp(landmark_of[pairs], axis=0) > 0
+    return found[np.repeat(apart, 2)] if apart.any() else found
 
 
 def _alone(part: Stretch, mine: np.ndarray) -> Stretch:

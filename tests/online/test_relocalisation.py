@@ -38,6 +38,19 @@ def test_a_stretch_is_found_again_wherever_a_slip_has_led(free):
         assert np.mean(np.argmax(weights, axis=1) == np.tile(np.arange(6), 4)) > 0.9
 
 
+def test_two_ranges_and_two_landmarks_cross_only_as_different_ones():
+    log, poses, landmarks = drive(1, 0.0, 300)
+    part = stretch(log, poses, landmarks)
+    pair = part._replace(landmarks=landmarks[:2], ranges=part.ranges[:2])
+    found = relocalisation._crossings(pair, np.arange(2))
+    assert len(found) == 4
+    away = np.linalg.norm(found[:, None] - landmarks[:2], axis=2)
+    met = np.isclose(np.sort(away), np.sort(part.ranges[:2])).all(axis=1)
+    assert met.sum() >= 2
+    assert np.linalg.norm(found - poses[0, :2], axis=1).min() < 0.5
+    assert len(relocalisation._crossings(pair, np.arange(1))) == 2
+
+
 def test_the_evidence_of_a_pose_is_the_integral_over_it():
     """Laplace's against a sum over a fine grid, at one well-determined place."""
     log, poses, landmarks = drive(3, 0.0, 300)
