@@ -90,23 +90,25 @@ def _fast(
     settings: SamplerSettings,
     rng: np.random.Generator,
 ) -> WeightedSamples:
-    """The fast path where it may be trusted, else the compiled nested sampler."""
-    calls, walks = 0, max(ENOUGH_WALKS, settings.walks(len(cholesky)))
+    """The fast path where it may be trusted, else the compiled nested sampler; calls of both."""
+    checked, walks = None, max(ENOUGH_WALKS, settings.walks(len(cholesky)))
     nested = partial(
         compiled_nested.sample, factors, cholesky, settings.n_live, walks, settings.dlogz, rng=rng
     )
     try:
         draw = importance.sample(factors, cholesky, FastSettings(), rng=rng)
-        objections = draw.diagnostics.objections
-    except importance.NoModeError:
-        objections = ["starts"]
+        calls, objections = draw.calls, draw.diagnostics.objections
+    except importance.NoModeError as error:
+        calls, objections = error.calls, ["starts"]
     if not objections and rng.random() < AUDIT_SHARE:
         checked = nested()
-        calls = checked.calls
         spread = np.hypot(draw.log_evidence_error, checked.log_evidence_error)
         if abs(draw.log_evidence - checked.log_evidence) > AUDIT_ERRORS * spread:
             objections = ["audit"]
     if objections:
         note = "nested sampling: the fast path objects to its " + ", ".join(objections)
-        return replace(nested(), note=note)
-    return replace(draw, calls=draw.calls + calls, note="audited" if calls else "")
+        found = nested() if checked is None else checked
+        return replace(found, calls=calls + found.calls, note=note)
+    if checked is None:
+        return draw
+    return replace(draw, calls=calls + checked.calls, note="audited")

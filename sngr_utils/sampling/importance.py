@@ -24,7 +24,11 @@ MORE = 20
 
 
 class NoModeError(ValueError):
-    """No optimisation converged to a mode."""
+    """No optimisation converged to a mode; `calls` of the likelihood were made."""
+
+    def __init__(self, why: str = "", calls: int = 0):
+        super().__init__(why)
+        self.calls = calls
 
 
 @compile_once
@@ -267,7 +271,7 @@ def sample(
         factors, cholesky, rotated, begin, factors.n_residuals
     )
     if len(modes) == 0:
-        raise NoModeError(f"none of {len(begin)} starts converged to a mode")
+        raise NoModeError(f"none of {len(begin)} starts converged to a mode", evaluations)
     mixture = (modes, lowers, np.linalg.inv(lowers).transpose(0, 2, 1).copy())
     shares = np.maximum(np.exp(masses - masses.max()), 0.02)
     share = converged / len(begin)

@@ -1,5 +1,7 @@
 """Every engine against a closed form, dynesty's law, and GTSAM's likelihood."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L
@@ -141,8 +143,6 @@ def test_an_audit_that_disagrees_takes_over(monkeypatch):
     honest = importance.sample
 
     def wrong(*arguments, **named):
-        from dataclasses import replace
-
         draw = honest(*arguments, **named)
         return replace(draw, log_evidence=draw.log_evidence + 10)
 
@@ -151,6 +151,33 @@ def test_an_audit_that_disagrees_takes_over(monkeypatch):
     run = engines.sample_factors(factors, covariance, LONG, "fast", rng=np.random.default_rng(0))
     assert "audit" in run.note
     assert abs(run.log_evidence - log_z) < 4.5 * run.log_evidence_error + 0.1
+
+
+@pytest.mark.parametrize("path", ["audited", "objected", "without a mode"])
+def test_calls_of_a_look_that_failed_are_counted(monkeypatch, path):
+    """Those of the fast path and of one nested run, whichever of the two is taken."""
+    factors, covariance, *_ = linear_window(np.random.default_rng(1))
+    honest, nested, made = importance.sample, compiled_nested.sample, []
+
+    def fast(*arguments, **named):
+        if path == "without a mode":
+            made.append(7)
+            raise importance.NoModeError("none", 7)
+        draw = honest(*arguments, **named)
+        made.append(draw.calls)
+        return replace(draw, log_evidence=draw.log_evidence + 10 * (path == "objected"))
+
+    def slow(*arguments, **named):
+        run = nested(*arguments, **named)
+        made.append(run.calls)
+        return run
+
+    monkeypatch.setattr(importance, "sample", fast)
+    monkeypatch.setattr(compiled_nested, "sample", slow)
+    monkeypatch.setattr(engines, "AUDIT_SHARE", 1.0)
+    run = engines.sample_factors(factors, covariance, LONG, "fast", rng=np.random.default_rng(0))
+    assert len(made) == 2
+    assert run.calls == sum(made)
 
 
 def test_pareto_shape_of_known_tails():
