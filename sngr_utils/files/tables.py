@@ -73,21 +73,18 @@ class Table:
 
     def cells(self, column: str) -> list[str]:
         """A column; empty cells if the table has none of that name."""
-        if column not in self.header:
-            return [""] * len(self.rows)
-        at = self.header.index(column)
-        return [row.fields[at] for row in self.rows]
+        return [self.cell(row, column) for row in self.rows]
 
     def numbers(self, columns: list[str], empty: bool = False) -> np.ndarray:
         """(N, C) numbers of some columns; NaN for empty cells, where they may be."""
         found = np.full((len(self.rows), len(columns)), np.nan)
         for i, row in enumerate(self.rows):
-            cells = [self.cells_of(row, name) for name in columns]
+            cells = [self.cell(row, name) for name in columns]
             if not (empty and not any(cells)):
                 found[i] = row.numbers(cells, names=columns)
         return found
 
-    def cells_of(self, row: Line, column: str) -> str:
+    def cell(self, row: Line, column: str) -> str:
         """The cell of a row; empty if there is no such column."""
         return row.fields[self.header.index(column)] if column in self.header else ""
 
@@ -219,7 +216,7 @@ def _calibration(table: Table | None) -> dict:
     found = dict(FIXED)
     names = table.cells("quantity")
     for row in table.rows:
-        name, *cells = (table.cells_of(row, column) for column in COLUMNS["calibration"][0])
+        name, *cells = (table.cell(row, column) for column in COLUMNS["calibration"][0])
         if name not in FIXED or names.count(name) > 1:
             raise row.refuse(f"quantity is {name[:40]!r}: {', '.join(FIXED)}, each at most once")
         mean = float(row.numbers(cells[:1])[0])
