@@ -130,7 +130,7 @@ def _times(heard: np.ndarray) -> np.ndarray:
 
 
 def _honest(reckoned: np.ndarray) -> np.ndarray:
-    """(T, 3) dead-reckoned positions and their course, held where they stand still."""
+    """(T, 3) dead-reckoned positions and their course, which turns evenly where they stand."""
     steps = np.diff(reckoned[:, 1:3], axis=0)
     lengths = np.hypot(*steps.T)
     fast = lengths[lengths > lengths.mean()]  # none if all are alike

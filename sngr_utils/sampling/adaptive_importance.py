@@ -93,7 +93,7 @@ def at_modes(modes: Modes) -> Mixture:
 def draws(
     target: Landmark | Window, modes: Modes, n: int, *, rng: np.random.Generator
 ) -> WeightedSamples:
-    """Rounds of n importance samples, until there are `ENOUGH` effective ones.
+    """Rounds of n importance samples, until there are `ENOUGH` effective ones or `MAX_ROUNDS`.
 
     The first round only shapes the mixture. The others count by their effective sample sizes.
     Weights are cut off at 1 / sqrt(n) where a mixture is fitted, and only there.
