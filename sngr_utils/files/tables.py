@@ -142,6 +142,15 @@ def _noise(odometry: Table) -> tuple[np.ndarray, np.ndarray]:
     return sigmas[0], (correlations * sigmas[:, :, None] * sigmas[:, None, :])[1:]
 
 
+def _check_times(truth: Table, times: np.ndarray) -> None:
+    """Refuse a true pose whose time is nearer to another pose than to that of its row."""
+    middle = (times[1:] + times[:-1]) / 2
+    first, last = np.append(-np.inf, middle), np.append(middle, np.inf)
+    for i, (row, time) in enumerate(zip(truth.rows, truth.numbers(["time_s"])[:, 0], strict=True)):
+        if not first[i] <= time <= last[i]:
+            raise row.refuse(f"time_s is {time:.10g}: odometry.csv has {times[i]:.10g} there")
+
+
 def _names(landmarks: Table | None, ranges: Table) -> list[str]:
     """What landmarks are called: those of their table in its order, or of the ranges sorted."""
     if landmarks is None:
@@ -239,5 +248,7 @@ def _truth(
     poses = None if truth is None else truth.numbers(["x_m", "y_m", "theta_rad"])
     if poses is not None and len(poses) != log.n_poses:
         raise ValueError(f"{truth.path}: {len(poses)} rows: odometry.csv has {log.n_poses}")
+    if truth is not None and "time_s" in truth.header:
+        _check_times(truth, log.times)
     source_of = _numbers_of(ranges, "source", names)[log.row_of] if sources else None
     return Truth(poses=poses, landmarks=known, source_of=source_of)

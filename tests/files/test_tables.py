@@ -165,6 +165,20 @@ def test_what_contradicts_itself_is_refused_by_line(tmp_path, table, text, why):
         formats.read(folder_of(tmp_path, **given))
 
 
+@pytest.mark.parametrize(("times", "line"), [
+    ((10.0, 11.0, 12.0), None), ((10.3, 10.9, 11.6), None), ((10.0, 12.0, 12.0), 3),
+    ((11.0, 12.0, 13.0), 2), ((10.0, 11.0, 11.4), 4),
+])  # fmt: skip
+def test_times_of_the_truth_are_those_of_the_poses(tmp_path, times, line):
+    truth = "time_s,x_m,y_m,theta_rad\n" + "".join(f"{t},{t},0,0\n" for t in times)
+    folder = folder_of(tmp_path, truth=truth)
+    if line is None:
+        assert formats.read(folder).truth.poses[:, 0].tolist() == list(times)
+        return
+    with pytest.raises(ValueError, match=rf"truth.csv:{line}: time_s is .*: odometry.csv has"):
+        formats.read(folder)
+
+
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_quotes_blank_lines_a_byte_order_mark_and_other_line_ends_do_no_harm(tmp_path, end):
     folder = folder_of(tmp_path)
