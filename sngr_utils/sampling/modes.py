@@ -1,7 +1,7 @@
 """The modes of a small posterior by optimisation from many starts.
 
 `importance` does the same for windows whose factors are GTSAM's; here the posterior is that of
-`targets.landmark` or `targets.ambiguous_window`.
+`targets.landmark`, `targets.ambiguous_window` or `targets.whole_graph`.
 """
 
 from dataclasses import dataclass
@@ -15,6 +15,7 @@ from sngr_utils.sampling.importance import SAME_MODE
 from sngr_utils.sampling.targets.ambiguous_window import LOG_TAU, Window
 from sngr_utils.sampling.targets.compiled import evaluate
 from sngr_utils.sampling.targets.landmark import Landmark
+from sngr_utils.sampling.targets.whole_graph import WholeGraph
 from sngr_utils.sampling.weighted_samples import WeightedSamples
 
 STEP = 1e-4  # of the differences
@@ -70,7 +71,7 @@ def ring_starts(target: Landmark) -> np.ndarray:
     return target.positions[0] + ring
 
 
-def find_modes(target: Landmark | Window, starts: np.ndarray) -> Modes:
+def find_modes(target: Landmark | Window | WholeGraph, starts: np.ndarray) -> Modes:
     """Quasi-Newton ascent from each of (N, d) starts; saddles and repetitions are left out.
 
     Raises
