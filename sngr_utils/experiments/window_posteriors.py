@@ -110,10 +110,8 @@ def attainable_gain(solution: Solution, t: int, factor: float = 1.0) -> float:
 
     By Levenberg-Marquardt from the estimate: the nearest maximum. Right to about 1e-4.
     """
-    keys = windows.window_keys(t)
-    touching = closure.touching_factors(solution.graph, keys)
-    factors = compiled.flatten(touching, solution.estimate, keys, factor)
-    covariance = closure.conditional_covariance(touching, solution.estimate, keys)
+    factors, keys = window_factors(solution, t, factor), windows.window_keys(t)
+    covariance = closure.conditional_covariance(solution.graph, solution.estimate, keys)
     cholesky = np.linalg.cholesky(covariance)
     flat = factors._replace(quadratic=-np.linalg.inv(covariance))  # takes the search's prior back
     rotated = cholesky.T @ flat.quadratic @ cholesky
