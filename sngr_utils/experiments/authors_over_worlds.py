@@ -8,11 +8,12 @@ from gtsam.symbol_shorthand import X
 
 from sngr_utils.experiments import authors_conventions as authors
 from sngr_utils.experiments.authors_conventions import WIDTH
+from sngr_utils.experiments.authors_digits import JITTER
 from sngr_utils.metrics.precision_recall import detection
 
 TAU_CLEAN, TAU_SNGR = 3.92, 3.9  # the least that is printed as silent; that of the table "sngr"
 FIRST = WIDTH - 1  # window that may fire, as the paper has it
-JITTER, STEPS, STILL = 1e-6, 50, 1e-9
+STEPS, STILL = 50, 1e-9
 
 
 def rows(seed: int) -> list[dict]:
