@@ -35,7 +35,6 @@ from sngr_utils.world.log import Log, LogWarning, Measurements
 SWEEPS = 3  # over all ranges, at most, per step
 PATIENCE = 5  # poses between two looks at all ranges
 MOST_LOST = 0.1  # share of all ranges that may be assigned to none
-MORE = 1.25  # times as many poses as at the last look at all data, beyond the window
 P_PRIOR = (2.0, 8.0)  # wrong and right labels that count as seen before the first
 BETTER = 1.0  # nats that an estimate of EM must gain to be adopted
 
@@ -250,7 +249,7 @@ class Online:
         The last is asked every `PATIENCE` poses only, for EM costs as much as the rest of a step.
         """
         belief, t = self.belief, self.belief.n_poses - 1
-        if t > 2 * WINDOW and t < MORE * self.last_batch:
+        if t > 2 * WINDOW and t < calibration.MORE * self.last_batch:
             return False
         lost = belief.assignment.used == DROPPED
         scan = lost[belief.newest]
