@@ -23,7 +23,6 @@ class Baseline:
     world, solution : the data and the MAP estimate
     position_errors : (T,) distance of each pose to the truth, [m]
     covariances : (N, 9, 9) joint marginals of the windows
-    position_covariances : (T, 2, 2) of the solution's positions, in the frame of the NEES, [m^2]
     scores : (N,) log10 condition numbers
     failed : (N,) bool, mean error above 0.5 m
     pose_rmse, landmark_rmse : [m]
@@ -36,7 +35,6 @@ class Baseline:
     solution: Solution
     position_errors: np.ndarray
     covariances: np.ndarray
-    position_covariances: np.ndarray
     scores: np.ndarray
     failed: np.ndarray
     pose_rmse: float
@@ -81,7 +79,6 @@ def run_baseline(scenario: Scenario, conventions: Conventions, p: float, seed: i
         solution=solution,
         position_errors=distances,
         covariances=covariances,
-        position_covariances=position_covariances,
         scores=trigger.score(covariances),
         failed=failure.failures(distances),
         pose_rmse=rmse_and_nees.rmse(solution.poses[:, :2], the_world.poses[:, :2]),

@@ -106,9 +106,7 @@ def refine_world(
     """SNGR on the world of a baseline, judged as iSAM2 was; see `algorithm.run`."""
     refined = algorithm.run(base.world, conventions, fires, sampling, gate, base, rng=rng)
     solution, true = refined.solution, base.world.poses[:, :2]
-    covariances = base.position_covariances
-    if solution is not base.solution:  # it was settled
-        covariances = position_covariances(solution, conventions.nees_frame)
+    covariances = position_covariances(solution, conventions.nees_frame)
     before, after = solution.poses[:, :2], refined.poses[:, :2]
     return RefinedWorld(
         base,
