@@ -68,9 +68,7 @@ def position_covariances(chain: Chain, at: State, weights: np.ndarray) -> np.nda
         covariances = _capped(complete, withheld, len(at.frames), size)
     else:
         covariances = _capped_in_few(system, withheld, n_above, size)
-    cos, sin = at.frames[:, 2], at.frames[:, 3]
-    rotations = np.moveaxis(np.array([[cos, -sin], [sin, cos]]), 2, 0)
-    return rotations @ covariances[:, :2, :2] @ rotations.transpose(0, 2, 1)
+    return information.in_world_frame(covariances[:, :2, :2], *at.frames.T[2:])
 
 
 def _linearised(chain: Chain, at: State, weights: np.ndarray) -> information.System:

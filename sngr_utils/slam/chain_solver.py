@@ -144,8 +144,7 @@ class Estimate:
     def position_covariances(self) -> np.ndarray:
         """(T, 2, 2) in the world frame, [m^2]"""
         cos, sin = np.cos(self.poses[:, 2]), np.sin(self.poses[:, 2])
-        rotations = np.moveaxis(np.array([[cos, -sin], [sin, cos]]), 2, 0)
-        return rotations @ self.covariance.poses[:, :2, :2] @ rotations.swapaxes(1, 2)
+        return information.in_world_frame(self.covariance.poses[:, :2, :2], cos, sin)
 
     @property
     def calibration_covariance(self) -> np.ndarray:

@@ -65,6 +65,12 @@ def poses_of(frames: np.ndarray) -> np.ndarray:
     return np.column_stack([frames[:, :2], np.arctan2(frames[:, 3], frames[:, 2])])
 
 
+def in_world_frame(blocks: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> np.ndarray:
+    """(T, 2, 2) covariances of positions, from those in the frames of poses with such headings."""
+    rotations = np.moveaxis(np.array([[cos, -sin], [sin, cos]]), 2, 0)
+    return rotations @ blocks @ rotations.swapaxes(1, 2)
+
+
 @compile_once
 def _relative(a, b):
     """Frame b seen from frame a, both (x, y, cos, sin)."""

@@ -4,7 +4,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X
 
-from sngr_utils.slam import indeterminate
+from sngr_utils.slam import indeterminate, information
 from sngr_utils.slam.solution import Solution
 
 
@@ -49,8 +49,6 @@ def position_covariances(solution: Solution, frame: str) -> np.ndarray:
 
 def in_world_frame(blocks: np.ndarray, solution: Solution) -> np.ndarray:
     """(T, 2, 2) covariances of the positions of a solution, from those in the poses' own frames."""
-    turned = np.empty_like(blocks)
-    for t, block in enumerate(blocks):
-        rotation = solution.estimate.atPose2(X(t)).rotation().matrix()
-        turned[t] = rotation @ block @ rotation.T
-    return turned
+    turned = [solution.estimate.atPose2(X(t)).rotation() for t in range(solution.n_poses)]
+    cos, sin = np.array([(rotation.c(), rotation.s()) for rotation in turned]).T
+    return information.in_world_frame(blocks, cos, sin)
