@@ -84,9 +84,11 @@ def roc_auc(scores: np.ndarray, truth: np.ndarray) -> float:
     scores : (N,) higher means more likely true
     truth : (N,) bool
     """
-    from sklearn.metrics import roc_auc_score
+    if not _mixed(truth):
+        return math.nan
+    from sklearn import metrics
 
-    return float(roc_auc_score(truth, scores)) if _mixed(truth) else math.nan
+    return float(metrics.roc_auc_score(truth, scores))
 
 
 def average_precision(scores: np.ndarray, truth: np.ndarray) -> float:
@@ -94,9 +96,11 @@ def average_precision(scores: np.ndarray, truth: np.ndarray) -> float:
 
     Scores that know nothing have the base rate: to be read beside it. Arguments as `roc_auc`.
     """
-    from sklearn.metrics import average_precision_score
+    if not _mixed(truth):
+        return math.nan
+    from sklearn import metrics
 
-    return float(average_precision_score(truth, scores)) if _mixed(truth) else math.nan
+    return float(metrics.average_precision_score(truth, scores))
 
 
 def roc_curve(scores: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -106,9 +110,9 @@ def roc_curve(scores: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.nda
     ------
     ValueError : a class is empty
     """
+    _require_mixed(truth)
     from sklearn import metrics
 
-    _require_mixed(truth)
     false_rate, true_rate, _ = metrics.roc_curve(truth, scores)
     return false_rate, true_rate
 
@@ -120,9 +124,9 @@ def precision_recall_curve(scores: np.ndarray, truth: np.ndarray) -> tuple[np.nd
     ------
     ValueError : a class is empty
     """
+    _require_mixed(truth)
     from sklearn import metrics
 
-    _require_mixed(truth)
     precision, recall, _ = metrics.precision_recall_curve(truth, scores)
     return recall, precision
 

@@ -1,3 +1,4 @@
+import sys
 import warnings
 
 import numpy as np
@@ -182,7 +183,10 @@ def test_precision_over_the_base_rate_of_the_same_world():
 
 
 @pytest.mark.parametrize("value", [True, False])
-def test_an_empty_class_has_no_area_and_no_curve(value, silent):
+def test_an_empty_class_has_no_area_and_no_curve(value, silent, monkeypatch):
+    """Nor is scikit-learn, which takes a second, imported to say so."""
+    monkeypatch.setitem(sys.modules, "sklearn", None)
+    monkeypatch.setitem(sys.modules, "sklearn.metrics", None)
     truth = np.full(3, value)
     assert np.isnan(precision_recall.roc_auc(np.arange(3.0), truth))
     assert np.isnan(precision_recall.average_precision(np.arange(3.0), truth))
