@@ -10,7 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from sngr_utils.world.log import Log, Measurements
+from sngr_utils.world.log import Log
 
 FIRST, MORE = 30, 1.25  # poses at the first look, and times as many at the next one
 NEAREST = 0.1  # range sigmas: a distance after correction is no shorter
@@ -35,20 +35,21 @@ class Calibration:
     def open(self) -> bool:
         return self.told_scale[1] > 0 or self.told_offset[1] > 0
 
-    def corrected(self, measured: Log | Measurements) -> Log | Measurements:
+    def corrected(self, measured: Log) -> Log:
         """Distances with their sigmas in place of ranges."""
         if not self.open and (self.scale, self.offset) == (1.0, 0.0):
             return measured
-        ranges, sigmas = (np.asarray(a, dtype=float) for a in (measured.ranges,
-                                                               measured.range_sigmas))  # fmt: skip
-        sigmas = sigmas / self.scale
-        distances = np.maximum((ranges - self.offset) / self.scale, NEAREST * sigmas)
-        distances = np.where(ranges > 0, distances, ranges)  # a log refuses these, by their row
-        if isinstance(measured, Measurements):
-            return replace(measured, ranges=distances, range_sigmas=sigmas)
+        sigmas = measured.range_sigmas / self.scale
+        distances = np.maximum((measured.ranges - self.offset) / self.scale, NEAREST * sigmas)
         return measured._with(
             ranges=distances, range_sigmas=sigmas, scale=(1.0, 0.0), offset=(0.0, 0.0)
         )
+
+    def uncut(self, log: Log, measured: np.ndarray) -> Log:
+        """A log of distances, those that were too short as (M,) ranges measured have them."""
+        cut = log.ranges <= (1 + 1e-9) * NEAREST * log.range_sigmas
+        distances = (measured - self.offset) / self.scale
+        return log._with(ranges=np.where(cut, distances, log.ranges))
 
     def opened(self, log: Log) -> Log:
         """A log of distances, with what may be left to correct as its own scale and offset."""

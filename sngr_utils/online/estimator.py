@@ -172,7 +172,7 @@ class Online:
         self.conventions, self.settings, self.rng = conventions, settings, rng
         self.calibration, self.next_look = calibration.of(first), calibration.FIRST
         self.belief = Belief(self.calibration.corrected(first))
-        self.filtered = [self.belief.poses[-1]]
+        self.filtered, self.measured = [self.belief.poses[-1]], [first.ranges]
         self.last_batch = 0
         if settings.p is not None:
             self.belief.shares = PRIOR._replace(wrong=settings.p)
@@ -190,6 +190,7 @@ class Online:
         """`step`, `new` being the log of the pose before and of the next one, with its ranges."""
         belief, settings = self.belief, self.settings
         belief.predict(self.calibration.corrected(new))
+        self.measured.append(new.ranges)
         turn_over(belief)
         if settings.doubt_odometry:
             slips.find_robot(belief, settings.nested, rng=self.rng)
@@ -281,6 +282,7 @@ class Online:
         belief = self.belief
         self.next_look = calibration.MORE * belief.n_poses
         log, told, poses, _ = belief.whole()
+        log = self.calibration.uncut(log, np.concatenate(self.measured))
         found = self._fit(self.calibration.opened(log), (poses, belief.landmarks), 1.0)
         left = calibration.of(log).after(found.calibration)
         if not left.scale > 0:
@@ -324,6 +326,7 @@ class Online:
         ours, (log, told, poses, used) = best.found, belief.whole()
         calibrated, cost_of_it, asked = self.calibration, best.cost, log
         if calibrated.open:
+            log = calibrated.uncut(log, np.concatenate(self.measured))
             asked = calibrated.opened(log)
             ours = self._fit(asked, (poses, belief.landmarks), 1.0)
             calibrated = calibrated.after(ours.calibration)

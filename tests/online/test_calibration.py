@@ -61,6 +61,21 @@ def test_corrections_add_up_and_the_prior_stays_where_it_was(drawn):
     assert calibration.of(log).opened(log).scale == (1.0, 0.0)
 
 
+def test_a_distance_cut_under_a_wrong_offset_is_whole_again_under_another(drawn):
+    """Also one measured below zero, and one that the better offset cuts too."""
+    log = drawn.log(C.x0_sigmas)._with(offset=(0.0, 1.0))
+    log.ranges[:2] = 0.3, -0.2
+    wrong = calibration.of(log).after(np.array([1.0, 6.0]))
+    cut = wrong.corrected(log)
+    assert (cut.ranges[:2] == calibration.NEAREST * log.range_sigmas[:2]).all()
+    whole = wrong.uncut(cut, log.ranges)
+    assert np.allclose(whole.ranges, log.ranges - 6)
+    again = calibration.of(whole).after(np.array([1.0, -5.8])).corrected(whole)
+    direct = calibration.of(log).after(np.array([1.0, 0.2])).corrected(log)
+    assert np.allclose(again.ranges, direct.ranges)
+    assert np.allclose(direct.ranges[:2], [0.1, 0.01])
+
+
 def test_no_distance_is_negative_and_none_is_changed_for_nothing(drawn):
     log = drawn.log(C.x0_sigmas)
     assert calibration.of(log).corrected(log) is log
