@@ -154,6 +154,40 @@ def test_the_wrong_labels_of_the_middle_do_no_harm(lesson, start):
     assert set(np.argsort(errors)[4:]) == set(np.argsort(costs)[4:]) == {0, 5}
 
 
+def test_where_the_descent_ends_depends_on_its_start_and_its_sigma_does_not(lesson):
+    starts = (1.0, -1.5), (8.0, 1.0), (3.0, 6.0)  # below, right, above
+    ends = [lesson["gauss_newton"](lesson["two_rings"], start)[-1] for start in starts]
+    below = [end[1] < start_here.LANDMARKS[0, 1] for end in ends]
+    assert below == [True, True, False]
+    jacobians = [lesson["two_rings"](end)[1] for end in ends]
+    sigmas = [np.sqrt(np.diag(np.linalg.inv(J.T @ J))) for J in jacobians]
+    assert np.allclose(sigmas, sigmas[0], rtol=0.05)
+    assert 4 < ends[2][1] - ends[0][1] < 5  # metres between the modes
+
+
+def test_only_the_landmark_that_lost_a_range_is_known_less_well(lesson, start):
+    drives = lesson["drive"], lesson["drive"].credited_wrongly(lesson["wrong"])
+    covariances = [lesson["fit"](drive, start)[2] for drive in drives]
+    right, wrong = (np.sqrt(np.diag(c).reshape(7, 2).sum(axis=1)) for c in covariances)
+    assert [NAMES[n] for n in np.flatnonzero(wrong > 1.1 * right)] == ["l2"]
+
+
+def test_weak_odometry_lets_a_wrong_label_pass_for_less():
+    """Exercise 3: the cost of the wrong label falls, and the error of the last place grows."""
+    costs, errors = [], []
+    for sigma in (0.1, 0.5, 2.0):
+        config = start_here.Config(odometry_sigma=sigma)
+        drive = config.draw()
+        made = {"start_here": start_here, "config": config, "drive": drive}
+        cells = cells_from_scratch("00_start_here", **made, **config.model_dump())
+        first = np.concatenate([drive.dead_reckoning, [[1.0, 2.0], [7.0, 2.0]]]).ravel()
+        cost, end, covariance = cells["fit"](drive.credited_wrongly(config.wrong), first)
+        costs.append(cost)
+        errors.append(show.last_place(end, covariance)[1])
+    assert (np.diff(costs) < 0).all()
+    assert (np.diff(errors) > 0).all()
+
+
 @pytest.mark.parametrize("bad", [{"wrong": 6}, {"grid_step": 0.001}, {"range_sigma": -0.1}])
 def test_parameters_that_cannot_be_are_refused_by_name(bad):
     with pytest.raises(ValueError, match=next(iter(bad))):

@@ -22,6 +22,12 @@ def test_silent_on_clean_data_and_right_from_two_tenths_on():
     assert (over("precision")[2:, 0] > 0.97).all()
 
 
+def test_it_fires_in_a_third_of_the_worlds_and_then_in_two_thirds():
+    fires = 1 - over("silent")[1:, 0]
+    assert (np.abs(fires[:2] - 1 / 3) < 0.05).all()
+    assert (np.abs(fires[2:] - 2 / 3) < 0.05).all()
+
+
 def test_an_alarm_adds_one_to_four_hundredths_to_what_is_known_of_its_worlds():
     gain = over("gain")[1:]
     assert (gain[:, 1] > 0).all()

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from stored_results import value
 
+from sngr_utils import trigger_sweep
+
 WIDTHS = {"tau": 4, "baseline": 5, "perseed": 5, "clean": 5, "ranking": 5}  # levels of a quantity
 FIRST = {"clean": 3, "ranking": 3}  # column of preset A, the fourth where a printed one stands
 
@@ -29,6 +31,30 @@ def test_no_threshold_is_silent_under_c_and_the_clean_counts_are_bs():
     assert (clean[:, 2] > 0).all()
     assert np.array_equal(clean[1:, 1], printed("tau", 0)[1:])
     assert (noisy[1:] != printed("tau", 1)[1:, None]).all()
+
+
+def test_the_papers_threshold_follows_from_its_rule_nowhere():
+    """Rows are 3.9, 3.92, 3.96 and 4.0: a tie at nothing under A, 3.92 under B and as printed."""
+    clean, noisy = rows("tau", 0), rows("tau", 1)
+    assert (clean[:2, 0] > 0).all()
+    assert (clean[2:, 0] == 0).all()
+    assert (noisy[2:, 0] == 0).all()
+    for silent, caught in ((clean[:, 1], noisy[:, 1]), (printed("tau", 0), printed("tau", 1))):
+        assert (silent[1:] == 0).all()
+        assert (np.diff(caught[1:]) < 0).all()
+
+
+def fires_when_clean(radius=5.0, **conventions):
+    changed = {"seeds": [0], "p_levels": [0.0, 0.3], "radius": radius, "conventions": conventions}
+    run = trigger_sweep.run(trigger_sweep.Config(**changed))
+    return run.single(0.0).detection(run.config.tau).triggered
+
+
+def test_the_prior_on_the_map_silences_it_and_laziness_has_no_part_in_it():
+    """Exercise 3, on this circle; on a larger one the same prior does not."""
+    assert fires_when_clean() == fires_when_clean(relinearize_skip=1) > 0
+    assert fires_when_clean(landmark_prior_sigma=0.5) == 0
+    assert fires_when_clean(radius=10.0, landmark_prior_sigma=0.5) > 0
 
 
 def test_error_and_nees_grow_with_p_by_about_three_orders():
