@@ -70,6 +70,11 @@ def test_so_are_the_graph_alone_the_landmarks_and_nearly_the_newest_poses(p):
     assert 0.95 < landmarks.low <= landmarks.high < 1.05
 
 
+def test_it_is_as_consistent_as_the_oracle():
+    apart = interval(worlds("online.p0.4.nees") - worlds("online.oracle.p0.4.nees"))
+    assert -0.1 < apart.low <= apart.high < 0.1  # of two
+
+
 def test_on_the_way_batch_em_is_wrong_by_half_in_a_third_of_the_worlds_and_online_in_none():
     online, batch = worlds("online.p0.4.filtered"), worlds(f"online.{BATCH}.p0.4.filtered")
     assert 0.25 < np.mean(batch > 1.5) < 0.42
@@ -174,6 +179,8 @@ def test_one_in_thirteen_is_lost_most_of_them_misled_and_nearly_all_of_those_dou
     assert rest["doubtful"].mean() < 0.1
     assert 0.6 < (rest["at_truth"] > every_world.LOST).mean() < 0.73
     assert rows[rows["kind"] == "ranges 10 % long"]["doubtful"].all()
+    assert rest.groupby(["kind", "preset", "p"]).size().max() <= 5  # a few of nearly every kind
+    assert rest["kind"].nunique() >= 15
 
 
 def test_few_err_by_far_more_than_they_say_and_nearly_all_of_those_doubt_themselves():
