@@ -102,9 +102,10 @@ def test_most_that_forget_lose_single_worlds_from_the_grid_and_who_reassigns_har
     assert all(lost(method, "grid") <= 0.1 for method in REASSIGN)
 
 
-def test_fastslam_is_low_in_the_median_and_loses_more_worlds_than_who_reassigns():
+def test_fastslam_is_like_cauchy_in_the_median_and_loses_more_worlds_than_who_reassigns():
     for p in LEVELS[1:]:
-        assert median("fastslam", p, "ratio") < 1.2
+        apart = median("fastslam", p, "ratio") - median("cauchy", p, "ratio")
+        assert abs(apart) < 0.05
         wide, other = (
             summaries.median_and_interval(pd.Series(worlds(method, p, "ratio")))
             for method in ("fastslam", "cauchy")
@@ -118,10 +119,7 @@ def test_covariances():
     for method in ("isam2", "sngr", "least_squares"):
         assert median(method, "0.4", "nees") > 10 * oracle
     for method, p in (("huber", "0.4"), *(("fastslam", p) for p in LEVELS)):
-        less, more, p_value = summaries.sign_test(
-            worlds(method, p, "nees") - worlds("oracle", p, "nees")
-        )
-        assert more > less
-        assert p_value < 0.05
+        more = np.mean(worlds(method, p, "nees") > worlds("oracle", p, "nees"))
+        assert more >= (0.75 if method == "fastslam" else 0.9)
     for method in ("cauchy", "em_exclusive"):
         assert abs(median(method, "0.4", "nees") - oracle) < 0.2
