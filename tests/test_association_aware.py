@@ -115,6 +115,30 @@ def test_the_open_range_is_divided_and_belongs_to_its_scan():
     assert len(set(scan.sources)) == CONFIG.n_landmarks  # each landmark is seen once
 
 
+def test_alone_the_true_source_is_ahead_and_exclusion_favours_a_swap(from_scratch):
+    scan = association_aware.ambiguous(association_aware.Config())
+    weights = of_scan(scan, from_scratch)
+    true = scan.sources[scan.open]
+    assert from_scratch["alone"](weights)[scan.open].argmax() == true
+    found = from_scratch["exclusive"](weights)
+    got = found[scan.open].argmax()
+    assert got != true
+    assert found[scan.open, got] > 0.5
+    other = list(scan.sources).index(got)
+    assert found[other].argmax() == true
+
+
+def test_from_labels_a_metre_off_em_finds_landmarks_and_the_drawn_share(from_scratch):
+    drawn = association_aware.first_world(association_aware.Config())
+    positions, mine = drawn.poses[drawn.pose_of, :2], np.eye(drawn.n_landmarks)[drawn.label_of]
+    centre = positions.mean(axis=0)
+    start = np.array([from_scratch["fit"](positions, drawn.ranges, own, centre) for own in mine.T])
+    assert 0.8 < np.linalg.norm(start - drawn.landmarks, axis=1).mean() < 1.2  # m
+    landmarks, p, _ = from_scratch["em"](drawn, 0.1, start, from_scratch["alone"])
+    assert np.linalg.norm(landmarks - drawn.landmarks, axis=1).max() < 0.1
+    assert p == pytest.approx(np.mean(drawn.label_of != drawn.source_of), abs=0.02)
+
+
 @pytest.mark.parametrize("exclusive", [False, True])
 def test_associations_from_scratch_are_those_of_the_library(from_scratch, exclusive):
     drawn = association_aware.first_world(CONFIG)

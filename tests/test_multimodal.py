@@ -78,6 +78,20 @@ def test_the_mirror_test_from_scratch_is_that_of_the_library(from_scratch, n):
             assert there == pytest.approx(library.image, abs=1e-5)
 
 
+def test_the_share_of_the_image_falls_from_one_half_to_almost_nothing_after_five_poses(
+    from_scratch,
+):
+    config, shares = multimodal.Config(), {}
+    for n in (2, 3, 5, 6):
+        target = multimodal.landmark(config, 0, n)
+        data = target.positions, target.ranges, target.variances
+        gap, *_ = from_scratch["mirror_test"](*data, multimodal.view(config, 0, n).gaussian[0])
+        shares[n] = 1 / (1 + np.exp(gap))
+    assert shares[2] == pytest.approx(0.5, abs=0.01)
+    assert shares[3] > 0.45
+    assert max(shares[5], shares[6]) < 0.03
+
+
 def test_results_do_not_depend_on_the_number_of_workers(landmarks):
     with joblib.parallel_config(backend="threading"):
         again = multimodal.run_landmarks(QUICK.model_copy(update={"jobs": 2}))

@@ -53,6 +53,15 @@ def test_the_square_settles_where_no_range_is_and_the_others_among_most():
         assert abs(place - 3) < (0.1 if name == "huber" else 0.05), name
 
 
+def test_convex_losses_have_one_minimum_and_those_that_forget_a_second_at_the_wrong_group():
+    x = np.linspace(2.6, 4.4, 361)
+    _, costs = peers.pull(peers.Config(), x)
+    for name, cost in costs.items():
+        found = x[1:-1][(cost[1:-1] < cost[:-2]) & (cost[1:-1] <= cost[2:])]
+        assert len(found) == 1 + (name not in ("least_squares", "huber", "cauchy")), name
+        assert len(found) == 1 or abs(found[1] - 4) < 0.1
+
+
 @pytest.fixture(scope="module")
 def from_scratch():
     """What the notebook's cell tagged "from-scratch" defines."""
@@ -85,6 +94,24 @@ def test_weights_from_scratch_are_those_of_the_library(from_scratch):
     r = np.array([-7.0, -2.0, 0.1, 1.0, 3.0, 20.0])
     library = [range_loss.weight(losses.LOSSES["cauchy"], x) for x in r]
     assert from_scratch["cauchy"](r, 0) == pytest.approx(library)
+
+
+def test_cauchy_settles_in_rounds_and_stays_soft_and_gnc_takes_many_and_decides(from_scratch):
+    config = peers.Config()
+    rng = np.random.default_rng(config.first_seed)
+    drawn = simulation.simulate(config.scenario, max(config.p_levels), rng=rng)
+    mine = drawn.label_of == 0
+    data = drawn.poses[drawn.pose_of[mine], :2], drawn.ranges[mine], config.range_sigma
+    start, wrong = drawn.poses[:, :2].mean(axis=0), drawn.source_of[mine] != 0
+    scratch = from_scratch
+    _, soft = scratch["reweight"](data, start, scratch["cauchy"])
+    _, hard = scratch["reweight"](data, start, scratch["truncated"](data, start))
+    assert np.abs(soft[8] - soft[-1]).max() < 0.01
+    assert np.any((soft[-1][wrong] > 0.1) & (soft[-1][wrong] < 0.9))
+    assert (hard[1] < 0.1).mean() > 0.9
+    assert np.abs(hard[20] - hard[-1]).max() > 0.4
+    kept = (soft[-1][wrong] > 0.9) & (hard[-1][wrong] == 1)
+    assert kept.sum() == 1
 
 
 def test_peer_tables_figures_and_values(quick, runs, tmp_path):

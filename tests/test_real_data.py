@@ -66,6 +66,29 @@ def test_radios_without_names_are_found_from_scratch(lesson, small):
     assert height == max(other for *_, other in maps)
 
 
+@pytest.fixture(scope="module")
+def maps(lesson):
+    """What the lesson's EM makes of the first n poses of a drive, from its own starts."""
+    logs = {name: real_data.calibrated(name) for name in real_data.OTHER}
+    find, config = lesson["find_radios"], real_data.Config()
+
+    def of(name, n):
+        rng = np.random.default_rng([config.seed, n])
+        return real_stretch.maps_without_labels(logs[name], n, config.n_starts, find, rng=rng)
+
+    return of
+
+
+def test_six_starts_of_forty_end_in_the_likeliest_map(maps):
+    heights = np.array([height for *_, height in maps("Plaza1", 240)])
+    assert (np.sum(heights > heights[0] - 1), len(heights)) == (6, 40)
+
+
+@pytest.mark.parametrize("name", real_data.OTHER)
+def test_after_160_poses_the_likeliest_map_has_no_rival(maps, name):
+    assert real_stretch.runner_up(maps(name, 160)) > 100
+
+
 def test_a_map_with_its_radios_in_another_order_is_no_rival():
     rng = np.random.default_rng(100)
     radios, other = rng.normal(size=(2, 4, 2)) * 50

@@ -93,3 +93,10 @@ def test_what_the_sampler_moves_lies_about_the_printed_numbers():
         for key in ("pose_rmse", "nees"):
             low, *_, high = sorted(round(draw[key], 2) for draw in some)
             assert low <= printed_rows[p][key] <= high
+    kept = [-draw[key] for draw in draws if draw["p"] == 0.0 for key in ("gain_min", "gain_max")]
+    assert (round(min(kept), 3), round(max(kept), 3)) == (0.005, 0.059)  # nats, by which it keeps
+    fifth = [draw for draw in draws if draw["p"] == 0.2]
+    assert {draw["peak"] for draw in fifth} == {17}
+    for key, number in (("gain_max", 5.04), ("heaviest_max", 5.842)):
+        gains = [draw[key] for draw in fifth]
+        assert min(gains) < number < max(gains)

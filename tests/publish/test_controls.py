@@ -45,6 +45,17 @@ def test_a_trigger_that_never_fires_is_asked_where_it_would_print_something(test
     }  # fmt: skip
 
 
+@pytest.mark.parametrize("preset", "ABC")
+def test_a_trigger_that_never_fires_passes_more_of_its_rows_than_the_papers(preset):
+    rows = controls.testable(controls.all_tests(results_in(paths.REFERENCE), preset))
+    of_triggers = [test for test in rows if test.entry.silent is not None]
+    silent, as_printed = (
+        controls.shares(of_triggers, passed).sum()
+        for passed in (controls.never_firing, controls.as_printed)
+    )
+    assert silent > as_printed
+
+
 def test_untestable_rows_are_those_that_most_of_their_range_would_pass(tests):
     results = results_in(paths.REFERENCE)
     for test in tests:

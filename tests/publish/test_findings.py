@@ -34,6 +34,8 @@ def test_elsewhere_no_direction_is_beyond_chance(preset, p):
         f"audit.{preset}.p{p}.pose_rmse"
     )
     assert summaries.sign_test(difference)[2] > 0.05
+    middle = summaries.median_and_interval(pd.Series(difference))
+    assert -0.01 < middle.low <= middle.high < 0.01  # m
     if preset == "B":
         assert (np.abs(change(preset, p)) < 0.05).all()
 

@@ -6,6 +6,10 @@ import stored_results
 from stored_results import RESULTS, value, worlds
 
 from sngr_utils.metrics import summaries
+from sngr_utils.slam.conventions import PRESETS
+from sngr_utils.sngr import trigger
+from sngr_utils.sngr.baseline import run_baseline
+from sngr_utils.world.scenario import Scenario
 
 P = ("0", "0.1", "0.2", "0.3", "0.4")
 READINGS = ("A", "B", "C")
@@ -28,6 +32,8 @@ def test_error_and_inconsistency_grow_under_every_preset(preset):
     nees = [worlds(f"audit.{preset}.p{p}.nees").mean() for p in ("0", "0.4")]
     assert nees[0] < 2
     assert nees[1] > 100
+    for p in P[2:4]:
+        assert np.ptp(worlds(f"audit.{preset}.p{p}.pose_rmse")) > 2  # m, from world to world
 
 
 @pytest.mark.parametrize(("row", "printed"), [(3, 1.64), (4, 1.82)])
@@ -39,7 +45,7 @@ def test_the_printed_errors_lie_below_all_curves_in_the_middle(row, printed):
 def test_a_drawn_prior_makes_c_consistent_on_clean_data():
     drawn = RESULTS["nees.C.drawn"]
     assert abs(drawn["value"] - 2) < 2 * drawn["standard_error"] < 1
-    assert value("nees.C.truth") < 1
+    assert value("nees.C.truth") < 0.5 * drawn["value"]  # most is the prior's own uncertainty
 
 
 def test_under_c_nothing_could_refute_the_triggers_at_the_most_noise():
@@ -48,16 +54,31 @@ def test_under_c_nothing_could_refute_the_triggers_at_the_most_noise():
     assert recall.max() - recall.min() > 0.9
     clean = worlds("audit.C.p0.tau3.96.triggered")
     assert clean.min() > 14  # most of 28
-    assert np.ptp(clean) < 0.15 * 26
+    assert np.ptp(clean) == 0
+    assert worlds("audit.C.p0.1.tau3.96.triggered").min() == 11
 
 
 def test_scores_rank_within_a_world_and_not_over_worlds():
     for p in P[1:]:
         within = {preset: entry("auc", row_of(preset, p), 4) for preset in READINGS}
         for preset in READINGS:
-            assert 0.3 < entry("auc", row_of(preset, p), 3) < 0.7
+            assert 1 / 3 < entry("auc", row_of(preset, p), 3) < 2 / 3
             assert preset == "B" or within[preset] > within["B"]
             assert preset == "B" or entry("auc", row_of(preset, p), 4, 2) > 0.5
+
+
+@pytest.mark.parametrize("preset", READINGS)
+def test_so_does_the_mere_number_of_the_window(preset):
+    """The paper, of the ranks within a world; p = 0.2, where the score has 0.81, 0.67 and 0.78."""
+    ahead = pairs = 0
+    for seed in range(30):
+        failed = run_baseline(Scenario(), PRESETS[preset], 0.2, seed).failed[
+            trigger.FIRST_ELIGIBLE :
+        ]
+        at, other = np.flatnonzero(failed), np.flatnonzero(~np.asarray(failed))
+        ahead += np.sum(at[:, None] > other)
+        pairs += len(at) * len(other)
+    assert ahead / pairs > (0.55 if preset == "B" else 0.7)
 
 
 @pytest.mark.parametrize("p", P[2:])
@@ -65,6 +86,7 @@ def test_most_of_the_precision_under_c_is_the_base_rate(p):
     row = row_of("C", p)
     assert entry("detection", row, 4) > 0.8
     assert 0 < entry("detection", row, 6) < 0.1
+    assert entry("detection", row_of("A", p), 6) > 3 * entry("detection", row, 6)
 
 
 @pytest.mark.parametrize("row", [1, 2, 3])
@@ -94,9 +116,9 @@ def test_the_largest_gain_is_of_nats_where_relinearisation_is_rare():
         assert largest["C"] > largest["A"]
 
 
-def test_widths_are_as_predicted():
+def test_widths_are_as_predicted_but_a_per_cent_too_small():
     for row in (1, 2, 3):
-        assert entry("widths", row, 2) == pytest.approx(entry("widths", row, 3), rel=0.015)
+        assert 0.985 < entry("widths", row, 2) / entry("widths", row, 3) < 0.995
     assert entry("widths", 1, 2) > 1.05
     assert entry("widths", 2, 2) < 0.95
     assert all(entry("ratios", row, 3) > 5 for row in (1, 2, 3))
@@ -115,6 +137,8 @@ def test_windows_with_neighbours_held_are_gaussian():
     assert value("gaussian.conditional.largest") < 0.015
     assert value("gaussian.marginal.near") < near
     assert value("gaussian.marginal.largest") < 0.1
+    assert [entry("gaussian", row, 4) for row in range(1, 7)] == [0, 0, 0, 0, 0, 1]  # left out
+    assert [entry("gaussian", row, 9) for row in range(1, 7)] == [0, 0, 0, 0, 0, 1]  # two modes
 
 
 @pytest.mark.parametrize(("table", "printed", "n"), [("bimodality", 0.62, 7), ("noop", -73, 14)])
@@ -130,7 +154,9 @@ def test_losses_that_doubt_beat_odometry_and_least_squares_does_not():
     assert entry("robust", 9, 5) > dead_reckoning
     for row in (10, 11, 12, 13, 14):
         assert entry("robust", row, 5) < dead_reckoning
-        assert row == 10 or entry("robust", row, 5) < 1.4 * oracle < huber
+    for row in (11, 12, 14):
+        assert entry("robust", row, 5) < 1.15 * oracle
+    assert 1.2 * oracle < entry("robust", 13, 5) < huber
     lost = [row for row in (4, 5, 6) if entry("robust", row, 6) > 2]
     assert len(lost) == 3
     assert all(entry("robust", row, 5) < dead_reckoning for row in lost)
@@ -140,7 +166,8 @@ def test_settling_moves_more_than_refining_and_the_marginal_version_harms_under_
     """Rows of `corrected`: conditional, marginal, paper, under A, B, C."""
     for first in (1, 7):
         assert abs(entry("corrected", first, 8)) < 1
-        assert abs(entry("corrected", first, 7)) > 10
+        assert -330 < entry("corrected", first, 7) < -270  # mm
+        assert entry("corrected", first, 7, 3) < 0  # the third highest of twelve
     for row in (1, 4, 7):
         assert entry("corrected", row, 6) < 0.01  # nothing to gain
         assert abs(entry("corrected", row + 1, 8)) < 10  # mm, in the median
@@ -161,6 +188,7 @@ def test_five_worlds_tell_no_presets_apart():
     width = 2 * 2.776 * five.std(ddof=1) / np.sqrt(5)
     means = [found.mean() for found in at_most.values()]
     assert np.ptp(means) < width
+    assert abs(five.mean() - entry("rmse", 5, 2)) < width / 2
 
 
 def test_signs_of_all_levels_and_presets_have_one_exception():
@@ -173,3 +201,16 @@ def test_signs_of_all_levels_and_presets_have_one_exception():
     }
     assert [key for key, found in tests.items() if found[2] < 0.05 / 9] == [("C", "0.3")]
     assert tests["C", "0.3"][:2] == (21, 5)
+
+
+def test_a_few_worlds_change_by_decimetres_or_metres_and_most_by_less_than_a_centimetre():
+    before, after = (
+        np.concatenate([
+            worlds(f"audit.{a}.p{p}.{name}pose_rmse") for a in READINGS for p in P[1:4]
+        ])
+        for name in ("", "sngr_")
+    )
+    change = np.abs(after - before)
+    assert (change < 0.01).mean() > 0.75
+    assert (change > 0.1).mean() < 0.06
+    assert (change > 1).sum() == 2

@@ -66,6 +66,8 @@ def test_in_windows_the_ancestral_masses_drift_and_the_reweighted_meet_the_targe
     assert summary("ancestral", WINDOW, 2) > 0.05
     for method in METHODS[4:]:
         assert summary(method, WINDOW, 2) <= 0.05
+    within = [value(f"multimodal.window.{m}.within") for m in ("starts", "ancestral", "c50")]
+    assert within[0] == value("multimodal.window.ancestral.runs") > within[1] > within[2]
 
 
 def test_many_starts_are_cheapest_of_all_that_meet_the_target():

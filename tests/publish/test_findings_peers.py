@@ -64,6 +64,8 @@ def test_to_forget_costs_more_with_more_to_forget():
         assert median(method, "0", "ratio") < 1.25, method
         assert median(method, "0.4", "ratio") > 1, method
         assert median(method, "0", "ratio") < median(method, "0.4", "ratio"), method
+    each = [summaries.median_and_interval(pd.Series(worlds(m, "0.4", "ratio"))) for m in REDESCEND]
+    assert any(one.low < 1 for one in each)
     huber = median("huber", "0.4", "ratio")
     assert sum(median(method, "0.4", "ratio") < huber for method in REDESCEND) > len(REDESCEND) / 2
 
@@ -87,14 +89,23 @@ def test_a_bad_start_harms_who_asks_without_exclusion():
         assert lost(method, "first_poses") - lost(method, "grid") < worst, method
 
 
+def test_what_gnc_loses_more_from_a_bad_start_may_be_chance():
+    """Of runs lost from one start only, as many from either under a fair coin."""
+    for method, more in (("gnc_tls", 2), ("gnc_gm", 1)):
+        grid, first = (worlds(method, "0.4", "ratio", s) > LOST for s in ("grid", "first_poses"))
+        assert first.sum() - grid.sum() == more
+        assert summaries.sign_test(first * 1.0 - grid)[2] > 0.2
+
+
 def test_most_that_forget_lose_single_worlds_from_the_grid_and_who_reassigns_hardly_any():
     assert sum(lost(method, "grid") > 0 for method in REDESCEND) > len(REDESCEND) / 2
     assert all(lost(method, "grid") <= 0.1 for method in REASSIGN)
 
 
-def test_fastslam_is_low_in_the_median_and_loses_more_worlds_than_who_reassigns():
+def test_fastslam_is_like_cauchy_in_the_median_and_loses_more_worlds_than_who_reassigns():
     for p in LEVELS[1:]:
-        assert median("fastslam", p, "ratio") < 1.2
+        apart = median("fastslam", p, "ratio") - median("cauchy", p, "ratio")
+        assert abs(apart) < 0.05
         wide, other = (
             summaries.median_and_interval(pd.Series(worlds(method, p, "ratio")))
             for method in ("fastslam", "cauchy")
@@ -108,10 +119,7 @@ def test_covariances():
     for method in ("isam2", "sngr", "least_squares"):
         assert median(method, "0.4", "nees") > 10 * oracle
     for method, p in (("huber", "0.4"), *(("fastslam", p) for p in LEVELS)):
-        less, more, p_value = summaries.sign_test(
-            worlds(method, p, "nees") - worlds("oracle", p, "nees")
-        )
-        assert more > less
-        assert p_value < 0.05
+        more = np.mean(worlds(method, p, "nees") > worlds("oracle", p, "nees"))
+        assert more >= (0.75 if method == "fastslam" else 0.9)
     for method in ("cauchy", "em_exclusive"):
         assert abs(median(method, "0.4", "nees") - oracle) < 0.2

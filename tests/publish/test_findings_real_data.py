@@ -89,6 +89,14 @@ def test_a_step_online_takes_milliseconds_and_no_longer_at_the_end():
     assert (DRIVEN["step_ms_gain"] < 0.5 * DRIVEN["step_ms"]).all()
 
 
+@pytest.mark.parametrize("name", real_data.OTHER)
+def test_most_steps_of_the_odometry_are_as_long_as_those_of_the_gps(name):
+    drive = real_data.recording(name)
+    told = np.linalg.norm(drive.log.odometry[:, :2], axis=1)
+    true = np.linalg.norm(np.diff(drive.truth.poses[:, :2], axis=0), axis=1)
+    assert np.mean(np.abs(told - true) < 1e-3) > 0.85  # m, of steps of decimetres
+
+
 @pytest.mark.parametrize(("name", "turned"), [("Plaza1", 0.0), ("Plaza2", np.pi)])
 def test_where_the_mower_backs_up_its_odometry_goes_forwards(name, turned):
     """By half a metre and more in each drive; the heading of Plaza2's truth is turned round."""
