@@ -32,8 +32,8 @@ from sngr_utils.slam import chain_problem, chain_solver
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.world.log import Log, LogWarning, Measurements
 
+FIRST_LOOK = 5  # poses, before which too few ranges tell whether too many are lost
 SWEEPS = 3  # over all ranges, at most, per step
-PATIENCE = 5  # poses between two looks at all ranges
 MOST_LOST = 0.1  # share of all ranges that may be assigned to none
 P_PRIOR = (2.0, 8.0)  # wrong and right labels that count as seen before the first
 BETTER = 1.0  # nats that an estimate of EM must gain to be adopted
@@ -72,8 +72,8 @@ class OnlineEstimate:
 
     Attributes
     ----------
-    poses : (T, 3), [m, m, rad]
-    landmarks : (K, 2), [m]; NaN for one that is not started
+    poses : (T, 3), [m, m, rad], the mean over the sides on which landmarks may lie
+    landmarks : (K, 2), [m]; on the likeliest side; NaN for one that is not started
     landmark_covariances : (K, 2, 2), [m^2]
     in_doubt : (K,) bool, landmarks whose place is open, or whose mirror image is as likely
     graph_poses : (T, 3) those that take the assignments for certain
@@ -245,10 +245,7 @@ class Online:
         return shares if self.settings.p is None else shares._replace(wrong=self.settings.p)
 
     def _in_trouble(self) -> bool:
-        """Has the newest step slipped, its scan lost half of its ranges, or all of them too many?
-
-        The last is asked every `PATIENCE` poses only, for EM costs as much as the rest of a step.
-        """
+        """Has the newest step slipped, or are half of its ranges lost, or too many of all?"""
         belief, t = self.belief, self.belief.n_poses - 1
         if t > 2 * WINDOW and t < calibration.MORE * self.last_batch:
             return False
@@ -256,7 +253,7 @@ class Online:
         scan = lost[belief.newest]
         newest_lost = belief.present.all() and len(scan) > 0 and np.mean(scan) >= 0.5
         expected = MOST_LOST + belief.shares.clutter
-        too_many = t % PATIENCE == 0 and t > PATIENCE and len(lost) and np.mean(lost) > expected
+        too_many = t > FIRST_LOOK and len(lost) and np.mean(lost) > expected
         return bool(belief.slipped[-1] or newest_lost or too_many)
 
     def _restart(self) -> None:
@@ -268,12 +265,13 @@ class Online:
         belief.counts["batch trials"] += 1
         self.last_batch = belief.n_poses
         log, told, poses, _ = belief.whole()
-        least = cost(log, poses, belief.landmarks, belief.shares) - BETTER
-        found = rivals.blind(log, self._fit, poses, belief.landmarks)
-        if cost(log, found.poses, found.landmarks, found.shares) >= least:
+        ours = cost(log, poses, belief.landmarks, belief.shares) + rivals.price_of_slips(log, told)
+        found = rivals.from_nothing(log, told, self._fit, poses, belief.landmarks)
+        best = min(found, key=lambda one: one.cost)
+        if best.cost >= ours - BETTER:
             return
         belief.counts["batch restarts"] += 1
-        self._adopt(log, told, found)
+        self._adopt(best.log, told, best.found)
         if belief.n_poses > 2 * WINDOW:
             belief.shorten()
 
@@ -335,7 +333,7 @@ class Online:
             cost_of_it += len(log.ranges) * np.log(calibrated.scale)  # of ranges as measured
         landmarks, covariances = ours.landmarks, ours.position_covariances
         if self.settings.soft:
-            poses = ours.poses
+            poses, covariances = mirrors.mean_over_sides(ours)
         else:
             poses, landmarks = graph_poses, belief.landmarks
             chain = chain_problem.of_log(log, landmarks, LOOSE * belief.longest)

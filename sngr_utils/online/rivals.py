@@ -118,7 +118,12 @@ def renamed(log: Log, found: SoftEstimate, fit: Fit) -> SoftEstimate:
 
 
 def rival(log: Log, told: np.ndarray, found: SoftEstimate) -> Rival:
-    """An estimate of a log, some of whose steps are wider than told.
+    """An estimate of a log, some of whose steps are wider than told."""
+    return Rival(log, found, cost_of(log, found) + price_of_slips(log, told))
+
+
+def price_of_slips(log: Log, told: np.ndarray) -> float:
+    """What the steps that are wider than told cost, [nats].
 
     What such a step can choose costs as a landmark does: the scene is as wide as the longest
     range, and the ranges hold it as finely as one of them does.
@@ -126,9 +131,26 @@ def rival(log: Log, told: np.ndarray, found: SoftEstimate) -> Rival:
     wide = log.odometry_covariances != told
     slipped, freed = wide.any(axis=(1, 2)).sum(), np.einsum("tii->ti", wide).sum()
     if not slipped:
-        return Rival(log, found, cost_of(log, found))
+        return 0.0
     choice = np.log(log.ranges.max(initial=0.0) / np.median(log.range_sigmas))
-    return Rival(log, found, cost_of(log, found) + slips.SLIP_ODDS * slipped + choice * freed)
+    return float(slips.SLIP_ODDS * slipped + choice * freed)
+
+
+def from_nothing(
+    log: Log, told: np.ndarray, fit: Fit, poses: np.ndarray, known: np.ndarray
+) -> list[Rival]:
+    """What EM finds that knows no assignments, see `blind`: with the slips of a log, and without.
+
+    Parameters
+    ----------
+    told : (T-1, 3, 3) covariances of its steps as measured; where those of the log are others, the
+        estimate has it that they slipped
+    """
+    plain, slipped = log.with_covariances(told), (log.odometry_covariances != told).any()
+    return [
+        rival(each, told, blind(each, fit, poses, known))
+        for each in ((log, plain) if slipped else (log,))
+    ]
 
 
 def against(
@@ -138,16 +160,14 @@ def against(
 
     Parameters
     ----------
-    told : (T-1, 3, 3) covariances of its steps as measured; where those of the log are others, the
-        estimate has it that they slipped
+    told : as `from_nothing` has it
     by_slips : ask which step has slipped
     """
-    plain, slipped = log.with_covariances(told), (log.odometry_covariances != told).any()
     found = [rival(log, told, renamed(log, ours, fit))]
-    for each in (log, plain) if slipped else (log,):
-        found.append(rival(each, told, blind(each, fit, ours.poses, ours.landmarks)))
+    found += from_nothing(log, told, fit, ours.poses, ours.landmarks)
     if by_slips:
         best = min(found, key=lambda one: one.cost)
+        plain, slipped = log.with_covariances(told), (log.odometry_covariances != told).any()
         asked = slipped or diagnosis.may_have_slipped(best.log, told, best.found)
         found += with_a_slip(plain, fit, bool(asked))
     return found

@@ -2,7 +2,8 @@
 
 Ranges from a straight way do not tell its two sides apart; what does is how it bends, and the
 bends are estimated with the landmarks. So it takes several landmarks changed together, with the
-path estimated anew for each choice of sides, to find the second place.
+path estimated anew for each choice of sides, to find the second place. Where many choices are
+nearly as likely, the likeliest is the one that the noise flatters most, and their mean errs less.
 """
 
 from collections.abc import Callable
@@ -95,6 +96,24 @@ def turned(found: SoftEstimate) -> list[Turned]:
             there = _settled(chain, found, _with(found.landmarks, images, some))
             choices.append(there._replace(cost=there.cost - here.cost))
     return sorted(choices, key=lambda one: one.cost)
+
+
+def mean_over_sides(found: SoftEstimate) -> tuple[np.ndarray, np.ndarray]:
+    """(T, 3) poses, the mean over all choices of sides, and (T, 2, 2) covariances of positions.
+
+    A choice weighs as its likelihood at the minimum does, and is taken to be as wide as the
+    estimate: its mirror images have nearly the same shape.
+    """
+    choices = turned(found)
+    costs = np.array([0.0, *(one.cost for one in choices)])
+    weights = np.exp(costs.min() - costs)
+    weights /= weights.sum()
+    by = np.array([np.zeros_like(found.poses), *(one.poses - found.poses for one in choices)])
+    by[:, :, 2] = np.angle(np.exp(1j * by[:, :, 2]))
+    mean = np.einsum("n,nti->ti", weights, by)
+    apart = (by - mean)[:, :, :2]
+    spread = np.einsum("n,nti,ntj->tij", weights, apart, apart)
+    return found.poses + mean, found.position_covariances + spread
 
 
 def _with(landmarks: np.ndarray, images: np.ndarray, some: tuple[int, ...]) -> np.ndarray:

@@ -42,3 +42,5 @@ def test_a_row_holds_numbers_of_a_sound_world():
     assert row["cauchy"] > 1
     assert row["at_truth"] == pytest.approx(row["final"], abs=0.01)
     assert row["behind"] == pytest.approx(0.0, abs=0.1)
+    assert row["at_mode"] == pytest.approx(row["final"], abs=0.01)
+    assert row["filtered_likelier"] == pytest.approx(row["filtered"], abs=0.05)

@@ -491,3 +491,12 @@ def test_a_large_slip_is_found_at_the_next_scans(metres, radians):
     assert rmse_and_nees.rmse(found.filtered[:, :2], truth) < 1.5 * rmse_and_nees.rmse(
         newest, truth
     )
+
+
+def test_a_slip_that_was_believed_is_taken_back_where_there_was_none():
+    """A reach of 4 m, seed 115: for five poses the newest one was as far off as ten metres."""
+    world, _ = every_world.draw("reach 4 m", 0.3, 115)
+    found = run(world)
+    truth = world.poses[:, :2]
+    assert found.counts["slips"] == 0
+    assert np.linalg.norm(found.filtered[:, :2] - truth, axis=1)[20:26].max() < 1.0
