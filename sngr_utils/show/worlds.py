@@ -28,7 +28,8 @@ def table(rows: pd.DataFrame) -> pd.DataFrame:
         lost, doubted = final > LOST, group["doubtful"] > 0
         lines.append([
             name, number(final.median()), number(final.mean()), number(final.max()),
-            number(filtered.median()), number(filtered.mean()),
+            number(group["at_truth"].max()), number(filtered.median()), number(filtered.mean()),
+            number(group["filtered_likelier"].mean()),
             number(group["known"].mean()), number(group["landmark_ratio"].median()),
             number(group["nees"].mean()), number(group["oracle_nees"].mean()),
             cell("{:d} of {:d}", lost.sum(), len(group)),
@@ -36,7 +37,8 @@ def table(rows: pd.DataFrame) -> pd.DataFrame:
             *(number(group[peer].mean()) for peer in PEERS),
         ])  # fmt: skip
     heads = [
-        "worlds", "final, median", "mean", "worst", "newest pose, median", "mean ", "known",
+        "worlds", "final, median", "mean", "worst", "worst, from the truth",
+        "newest pose, median", "mean ", "mean, none likelier", "known",
         "landmarks, median", "NEES", "NEES oracle", "lost", "doubted: lost, others",
         *(f"{methods.shown(peer)}, mean" for peer in PEERS),
     ]  # fmt: skip

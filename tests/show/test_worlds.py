@@ -9,7 +9,8 @@ ROWS = pd.DataFrame({
     "final": [1.0, 1.2, 2.0], "filtered": [1.0, 1.1, 3.0], "known": [1.0, 1.0, 0.5],
     "landmark_ratio": [1.0, 1.0, 2.0], "nees": [2.0, 2.0, 9.0], "oracle_nees": [2.0, 2.0, 2.0],
     "doubtful": [0, 1, 1], "cauchy": [1.1, 1.3, 9.0], "gnc_tls": [1.0, 1.2, 9.0],
-    "em_exclusive": [1.0, 1.1, 8.0], "at_truth": [1.0, 1.0, 1.1], "behind": [0.0, 2.0, 2.0],
+    "em_exclusive": [1.0, 1.1, 8.0], "at_truth": [1.0, 1.0, 1.1],
+    "filtered_likelier": [1.0, 1.2, 2.5], "behind": [0.0, 2.0, 2.0],
 })  # fmt: skip
 
 
@@ -19,6 +20,8 @@ def test_a_row_for_each_kind_says_how_many_are_lost_and_doubted():
     assert [str(cell) for cell in table["lost"]] == ["0 of 2", "1 of 1"]
     assert [str(cell) for cell in table["doubted: lost, others"]] == ["0, 1", "1, 0"]
     assert str(table["final, median"][0]) == "1.10"
+    assert [str(cell) for cell in table["mean, none likelier"]] == ["1.10", "2.50"]
+    assert [str(cell) for cell in table["worst, from the truth"]] == ["1.00", "1.10"]
     assert [str(cell) for cell in table["Cauchy, mean"]] == ["1.20", "9.00"]
 
 
