@@ -18,7 +18,7 @@ def draw_scan(ax: Axes, scan: Scan) -> None:
     m, points = scan.open, np.vstack([scan.landmarks, scan.position])
     ax.add_patch(Circle(scan.position, scan.ranges[m], fill=False, color=style.ESTIMATE, lw=0.8))
     ax.plot(*scan.position, "o", color=style.ESTIMATE, label="pose")
-    ax.plot(*scan.landmarks.T, "^", color=style.LANDMARK, label="landmarks")
+    ax.plot(*scan.landmarks.T, **style.FOUND_LANDMARK, label="landmarks, found")
     for k, landmark in enumerate(scan.landmarks):
         ax.annotate(str(k), landmark, (3, 4), textcoords="offset points")
     label, source = scan.landmarks[scan.labels[m]], scan.landmarks[scan.sources[m]]
@@ -54,8 +54,8 @@ def draw_frame(ax: Axes, frame) -> None:
     ax.plot(*frame.truth.T, "-", lw=2.5, color="0.8")
     ax.plot(*frame.plain.T, ":", color=style.ESTIMATE)
     ax.plot(*frame.poses.T, "-", color=style.TRUTH, lw=0.9)
-    ax.plot(*frame.true_landmarks.T, "+", ms=6, mew=0.6, color=style.TRUTH)
-    ax.plot(*frame.landmarks.T, "^", mfc="none", ms=5, color=style.LANDMARK)
+    ax.plot(*frame.landmarks.T, **style.FOUND_LANDMARK)
+    ax.plot(*frame.true_landmarks.T, **style.TRUE_LANDMARK)
     here = frame.poses[-1]
     for label, used in zip(frame.label_of, frame.used, strict=True):
         colour, dash, end = style.SAMPLES, "-", frame.landmarks[used]
@@ -75,8 +75,8 @@ def film_legend() -> list[Line2D]:
         "true path": {"lw": 2.5, "color": "0.8"},
         "ours": {"color": style.TRUTH},
         "plain iSAM2": {"ls": ":", "color": style.ESTIMATE},
-        "landmark": {"ls": "", "marker": "+", "color": style.TRUTH},
-        "ours, initialised": {"ls": "", "marker": "^", "mfc": "none", "color": style.LANDMARK},
+        "landmark": style.TRUE_LANDMARK,
+        "landmark, found": style.FOUND_LANDMARK,
         "posterior of one not yet": {"ls": "", "marker": ".", "color": style.PRIOR},
         "range, label kept": {"color": style.SAMPLES},
         "given to another landmark": {"color": style.LANDMARK},

@@ -9,9 +9,10 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from sngr_utils.metrics import summaries
 from sngr_utils.show import methods, style
-from sngr_utils.show.common import draw_intervals, legend_above
+from sngr_utils.show.common import draw_intervals, draw_printed, legend_above
 from sngr_utils.show.style import PRESET_COLOURS, PRESET_MARKERS, WRONG_LABEL
 
+ACCEPTED = "#9BD6C2"  # preset C's green, so light that a printed value shows on it
 FLOOR = 1e-4  # nats: gains below are drawn there, for the axis is logarithmic
 
 
@@ -22,16 +23,17 @@ def draw_verdicts(ax: Axes, found: Mapping[str, tuple[float, float, float, str]]
     ----------
     found : number -> ends of the accepted interval, place of the printed one, verdict
     """
-    for y, (low, high, printed, verdict) in enumerate(found.values()):
-        colour = style.PRINTED if verdict == "untestable" else style.ESTIMATE
-        ax.plot([0, 1], [y, y], color=style.TRUTH, lw=0.4)
-        ax.plot([low, high], [y, y], color=colour, lw=6, solid_capstyle="butt")
-        ax.plot([low, high], [y, y], "|", color=colour, ms=8, mew=2)  # a bar of no width shows too
-        ax.plot(printed, y, "D", color=style.TRIGGERED, ms=4)
+    for y, (low, high, _, verdict) in enumerate(found.values()):
+        ax.plot([0, 1], [y, y], color=style.TRUTH, lw=0.4, zorder=1)
+        ours = "our worlds accept" if y == 0 else None
+        ax.plot([low, high], [y, y], color=ACCEPTED, lw=6, solid_capstyle="butt", label=ours)
+        ax.plot([low, high], [y, y], "|", color=ACCEPTED, ms=8, mew=2)  # a bar of no width too
         ax.text(1.03, y, verdict, va="center")
+    draw_printed(ax, [printed for _, _, printed, _ in found.values()], range(len(found)), mew=1.4)
     ax.set_yticks(range(len(found)), list(found))
-    ax.set(xlim=(-0.02, 1.45), xticks=[0, 0.5, 1], xlabel="place within the natural range")
-    ax.invert_yaxis()
+    ax.set(xlim=(-0.02, 1.45), xticks=[0, 0.5, 1], xlabel="place within the natural range",
+           ylim=(len(found) - 0.5, -0.5))  # fmt: skip
+    legend_above(ax)
 
 
 def curve_series(frame: pd.DataFrame, value: str) -> dict[str, tuple[np.ndarray, ...]]:

@@ -104,8 +104,9 @@ def draw_circles(ax: Axes, anchors: np.ndarray, radius: float, points: dict) -> 
     for anchor in anchors:
         ax.add_patch(Circle(anchor, radius, fill=False, color=style.ESTIMATE))
     ax.plot(*anchors.T, "^", color=style.TRUTH, label="anchors")
-    for (name, point), marker in zip(points.items(), "xoo*+", strict=False):
-        ax.plot(*np.atleast_2d(point).T, marker, color=style.TRIGGERED, mfc="none", label=name)
+    looks = zip(points.items(), "x+*od", [style.ESTIMATE, *4 * [style.TRUTH]], strict=False)
+    for (name, point), marker, colour in looks:
+        ax.plot(*np.atleast_2d(point).T, marker, color=colour, ms=5, label=name)
     ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     ax.margins(0.05)
     ax.autoscale_view()
@@ -114,7 +115,7 @@ def draw_circles(ax: Axes, anchors: np.ndarray, radius: float, points: dict) -> 
 
 def draw_profile(ax: Axes, y: np.ndarray, curves: dict[str, np.ndarray]) -> None:
     """Curves (name -> (N,)) of log-likelihood along a line of y, [nats] against [m]."""
-    looks = [(style.ESTIMATE, "-"), (style.PRIOR, "--"), (style.SAMPLES, ":")]
+    looks = [(style.PRINTED, "--"), (style.ESTIMATE, "-"), (style.SAMPLES, ":")]
     for (name, values), (colour, dash) in zip(curves.items(), looks, strict=False):
         ax.plot(y, values, dash, color=colour, label=name)
     ax.set(xlabel="y [m]", ylabel="log-likelihood [nats]")

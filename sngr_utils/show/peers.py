@@ -184,8 +184,8 @@ def draw_weights(ax: Axes, weights: np.ndarray, wrong: np.ndarray) -> None:
         lines = ax.plot(weights[:, wrong == flag], color=colour, lw=0.7, alpha=0.7)
         for line in lines[:1]:
             line.set_label(name)
-    ax.set(xlabel="round", ylabel="weight of a range", ylim=(-0.05, 1.05))
-    ax.legend(loc="center right", frameon=True, framealpha=0.9, edgecolor="none")
+    ax.set(xlabel="round", ylabel="weight of a range", ylim=(-0.05, 1.2))
+    ax.legend(loc="upper center", ncols=2)  # above the largest weight, which is one
 
 
 # whose share of lost runs the paper's text quotes

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from sngr_utils.publish import cells
 from sngr_utils.show import style
 from sngr_utils.show.common import draw_printed, legend_above
-from sngr_utils.show.style import PRESET_COLOURS, PRESET_MARKERS
+from sngr_utils.show.style import PRESET_COLOURS, PRESET_MARKERS, WRONG_LABEL
 from sngr_utils.slam.conventions import PRESETS, WHY, OpenConventions
 
 Levels = Mapping[float, Mapping[str, float | None]]  # level -> quantity -> number
@@ -96,7 +96,9 @@ def draw_beside_printed(
         colour, marker = PRESET_COLOURS[head[1]], PRESET_MARKERS[head[1]]
         ax.plot(levels, values, marker + "-", color=colour, mfc="none", ms=5, lw=0.8,
                 label=f"preset {head[1]}")  # fmt: skip
-    ax.set(**{"xlabel": rows.columns[1][1], "ylabel": quantity, **looks})
+    level = rows.columns[1][1]
+    ax.set(xlabel=WRONG_LABEL if level == "p" else level, ylabel=quantity)
+    ax.set(**looks)
     if ncols:
         legend_above(ax, ncols)
 

@@ -66,10 +66,8 @@ def draw_map(
     rotation, shift = rigid(path, truth)
     ax.plot(*truth.T, color=style.TRUTH, lw=0.6, label="GPS")
     ax.plot(*(path @ rotation.T + shift).T, color=style.ESTIMATE, lw=0.8, label="estimate")
-    ax.plot(*radios.T, "+", color=style.TRUTH, ms=8, label="radios")
-    ax.plot(
-        *(places @ rotation.T + shift).T, "*", color=style.LANDMARK, ms=5, label="radios, found"
-    )
+    ax.plot(*radios.T, **style.TRUE_LANDMARK, label="radios")
+    ax.plot(*(places @ rotation.T + shift).T, **style.FOUND_LANDMARK, label="radios, found")
     _metres(ax)
     legend_above(ax, ncols=2)
 
@@ -80,7 +78,8 @@ def draw_gaps(ax: Axes, gaps: pd.DataFrame) -> None:
         ax.plot(rows["poses"], rows["gap"], "o-", color=colour, label=name)
     ax.axhline(3, color=style.TRIGGERED, lw=0.6, ls=":", label="3 nats: 1 in 20")
     ax.set_yscale("symlog", linthresh=1)
-    ax.set(xlabel="poses driven", ylabel="second-best map worse by [nats]", ylim=(-0.5, None))
+    ax.set(xlabel="poses driven", ylabel="second-best map worse by [nats]")
+    ax.set_ylim(-0.5, 3 * gaps["gap"].max())
     legend_above(ax)
 
 

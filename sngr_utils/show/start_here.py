@@ -23,7 +23,7 @@ def draw_scene(ax: Axes, drive: Drive) -> None:
     ax.plot([], [], ":", color=style.PRINTED, lw=0.8, label="a measured range")
     ax.plot(*POSES.T, "-o", color=style.TRUTH, label="the robot's way")
     ax.plot(*drive.dead_reckoning.T, "--x", color=style.ESTIMATE, ms=4, label="odometry added up")
-    ax.plot(*LANDMARKS.T, "*", color=style.LANDMARK, ms=9, label="landmarks")
+    ax.plot(*LANDMARKS.T, **style.TRUE_LANDMARK, label="landmarks")
     _metres(ax)
     legend_above(ax, ncols=4)
 
@@ -41,7 +41,7 @@ def draw_grids(axes: Sequence[Axes], x: np.ndarray, y: np.ndarray, grids: Mappin
     for ax, (title, values) in zip(axes, grids.items(), strict=True):
         extent = [x[0], x[-1], y[0], y[-1]]
         ax.imshow(values, origin="lower", extent=extent, cmap="Greys", interpolation="nearest")
-        ax.plot(*LANDMARKS.T, "*", color=style.LANDMARK, ms=6)
+        ax.plot(*LANDMARKS.T, **style.TRUE_LANDMARK)
         ax.set(title=title, xlabel="x [m]")
     axes[0].set_ylabel("y [m]")
 
@@ -59,7 +59,7 @@ def draw_descents(
     """
     for landmark, radius in zip(LANDMARKS, ranges, strict=True):
         ax.add_patch(Circle(landmark, radius, fill=False, color=style.PRINTED, lw=0.8))
-    ax.plot(*LANDMARKS.T, "*", color=style.LANDMARK, ms=7)
+    ax.plot(*LANDMARKS.T, **style.TRUE_LANDMARK)
     colours = (style.ESTIMATE, style.SAMPLES, style.TRIGGERED)
     for (name, path), colour in zip(paths.items(), colours, strict=False):
         ax.plot(*path.T, "-o", color=colour, label=name)
@@ -89,9 +89,9 @@ def draw_fits(axes: Sequence[Axes], fits: Mapping[str, tuple[np.ndarray, np.ndar
     for ax, (title, (fitted, covariance)) in zip(axes, fits.items(), strict=True):
         at = fitted.reshape(-1, 2)
         ax.plot(*POSES.T, "-", color=style.TRUTH, lw=0.7, label="truth")
-        ax.plot(*LANDMARKS.T, "*", color=style.TRUTH, ms=5)
+        ax.plot(*LANDMARKS.T, **style.TRUE_LANDMARK, label="landmarks")
         ax.plot(*at[:5].T, "o-", color=style.ESTIMATE, label="estimate, 2 σ")
-        ax.plot(*at[5:].T, "*", color=style.LANDMARK, ms=6)
+        ax.plot(*at[5:].T, **style.FOUND_LANDMARK, label="landmarks, found")
         for number, place in enumerate(at):
             block = slice(2 * number, 2 * number + 2)
             colour = style.ESTIMATE if number < 5 else style.LANDMARK

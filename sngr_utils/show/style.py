@@ -60,6 +60,10 @@ def stack(width: float, height: float, n: int) -> tuple[Figure, list[Axes]]:
     return fig, list(axes)
 
 
+# Where a landmark is, and where an estimate has it, of `Axes.plot`
+TRUE_LANDMARK = {"ls": "none", "marker": "+", "ms": 6, "color": TRUTH}
+FOUND_LANDMARK = {"ls": "none", "marker": "*", "ms": 6, "color": LANDMARK}
+
 PRESET_COLOURS = {"A": LANDMARK, "B": ESTIMATE, "C": SAMPLES}
 
 PRESET_MARKERS = {"A": "^", "B": "o", "C": "s"}

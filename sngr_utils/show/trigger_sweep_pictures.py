@@ -34,8 +34,8 @@ def draw_world(ax: Axes, base: Baseline, tau: float | None = None) -> None:
         ax.plot(*estimate[marked, :2].T, "o", color=style.TRIGGERED, mfc="none", ms=5,
                 label=f"fires ({base.fired(tau).sum()})")  # fmt: skip
         draw_printed(ax, [], [], printed_fires(base.p))
-    ax.plot(*the_world.landmarks.T, "*", color=style.TRUTH, ms=5, label="landmark")
-    ax.plot(*base.solution.landmarks.T, "+", color=style.ESTIMATE, ms=5, label="estimate")
+    ax.plot(*base.solution.landmarks.T, **style.FOUND_LANDMARK, label="landmark, found")
+    ax.plot(*the_world.landmarks.T, **style.TRUE_LANDMARK, label="landmark")
     ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     legend_above(ax)
 
@@ -58,7 +58,7 @@ def draw_ranges(ax: Axes, base: Baseline, t: int) -> None:
     """The circles that the ranges of pose t draw around the landmarks of their labels."""
     the_world = base.world
     ax.plot(*the_world.poses[:, :2].T, "-", color=style.TRUTH, lw=0.7)
-    ax.plot(*the_world.landmarks.T, "*", color=style.TRUTH, ms=5)
+    ax.plot(*the_world.landmarks.T, **style.TRUE_LANDMARK)
     looks = {False: (style.ESTIMATE, "-", "right"), True: (style.TRIGGERED, "--", "wrong")}
     for m in np.flatnonzero(the_world.pose_of == t):
         colour, line, _ = looks[bool(the_world.label_of[m] != the_world.source_of[m])]
@@ -77,7 +77,7 @@ def draw_ranges(ax: Axes, base: Baseline, t: int) -> None:
 def draw_scores(ax: Axes, base: Baseline, tau: float) -> None:
     """Score of every window, those that fire and those that failed marked, with the threshold.
 
-    In brackets: how many fire, and how many by the paper, marked where its threshold stands.
+    In brackets: how many fire, and how many by the paper.
     """
     t, fired = np.arange(len(base.scores)), base.fired(tau)
     ax.plot(t[~fired], base.scores[~fired], "o", color=style.ESTIMATE, ms=2.5)
@@ -86,7 +86,7 @@ def draw_scores(ax: Axes, base: Baseline, tau: float) -> None:
     ax.plot(t[base.failed], base.scores[base.failed] + 0.08, "v", color=style.TRUTH, ms=2,
             label="failed")  # fmt: skip
     ax.axhline(tau, color=style.TRIGGERED, lw=0.8, ls="--", label=rf"$\tau$ = {tau:g}")
-    draw_printed(ax, [len(t) + 1], [tau], printed_fires(base.p))
+    draw_printed(ax, [], [], printed_fires(base.p))
     ax.set(xlabel="window", ylabel="score")
     ax.margins(y=0.12)
     legend_above(ax)

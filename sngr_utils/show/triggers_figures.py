@@ -55,6 +55,7 @@ def draw_levels(ax: Axes, clean: pd.DataFrame, names: Mapping[str, str]) -> None
         ax.text(j, i, f"{share:.0f}", ha="center", va="center", color=colour)
     ax.axhline(len(names) - 0.5, color=style.TRUTH, lw=1)
     ax.set_xticks(range(len(scenarios)), scenarios, rotation=30, ha="right")
+    ax.set_xlabel("clean scenario; in a field, windows that fire [%]")
     ax.set_yticks(range(len(shares)), [*names.values(), "(windows that failed)"])
 
 

@@ -9,6 +9,10 @@ from sngr_utils.publish import report
 from sngr_utils.publish.cells import cell, number
 from sngr_utils.show import methods, style
 
+LOOKS = {
+    False: {"mfc": "none", "mec": style.ESTIMATE},
+    True: {"mfc": style.TRIGGERED, "mec": style.TRIGGERED},
+}
 OVERCONFIDENT = 4.0  # NEES, twice what is due
 
 
@@ -63,14 +67,14 @@ def draw(ax: Axes, rows: pd.DataFrame) -> None:
     """A circle per world at the ratio of its final estimate to the oracle's, filled if doubted."""
     named = cases(rows)
     for place, group in enumerate(named.values()):
-        for doubted, fill in ((False, "none"), (True, style.TRIGGERED)):
+        for doubted, look in LOOKS.items():
             ratio = group.loc[(group["doubtful"] > 0) == doubted, "final"]
-            colour = style.TRIGGERED if doubted else style.ESTIMATE
-            at = np.full(len(ratio), -place)
-            ax.plot(ratio, at, "o", ms=2.8, mfc=fill, mec=colour, mew=0.6)
+            ax.plot(ratio, np.full(len(ratio), -place), "o", ms=2.8, mew=0.6, **look)
         ax.plot(group["final"].median(), -place, "|", ms=8, mew=1.2, color=style.TRUTH)
+    handles, named_by = ax.get_lines()[:3], ("no doubt", "doubts itself", "median")
     ax.axvline(1, color=style.TRUTH, lw=0.6, zorder=1)
-    ax.axvline(LOST, color=style.PRINTED, lw=0.6, ls=":", zorder=1)
+    lost = ax.axvline(LOST, color=style.TRUTH, lw=0.8, ls=":", zorder=1)
+    ax.legend([*handles, lost], [*named_by, "lost beyond"], loc="upper right")
     ax.set_yticks(-np.arange(len(named)), list(named))
     ax.set(xscale="log", xlabel="pose RMSE over the oracle's")
     ax.grid(axis="y", lw=0.3)

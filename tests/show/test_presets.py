@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sngr_utils.settings import PRESET_NAMES, READING
-from sngr_utils.show import presets
+from sngr_utils.show import presets, style
 from sngr_utils.slam import conventions
 
 
@@ -46,7 +46,7 @@ def test_a_quantity_of_a_table_is_drawn_as_the_table_has_it():
     assert drawn["preset A"] == [[0.0, 3.0], [0.1, 4.0]]
     assert drawn["printed"][1] == [0.1, 7.0]
     assert np.isnan(drawn["preset B"][0][1])
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("p", "n")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == (style.WRONG_LABEL, "n")
 
 
 def test_a_panel_is_handed_on_and_not_shown():
