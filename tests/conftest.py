@@ -4,7 +4,9 @@ import joblib
 import matplotlib.pyplot as plt
 import pytest
 
-from sngr_utils import trigger_sweep
+from sngr_utils import paths, trigger_sweep
+from sngr_utils.publish import verdict_tables
+from sngr_utils.publish.results import results_in
 from sngr_utils.show import style
 from sngr_utils.slam import conventions
 from sngr_utils.sngr import baseline
@@ -27,6 +29,12 @@ def paper_sweep() -> trigger_sweep.Sweep:
 def paper_presets(paper_sweep) -> dict[str, trigger_sweep.Sweep]:
     """The same under every preset."""
     return trigger_sweep.run_presets(paper_sweep.config, paper_sweep)
+
+
+@pytest.fixture(scope="session")
+def verdicts() -> verdict_tables.Verdicts:
+    """Of the committed reference, under every preset."""
+    return verdict_tables.judged(results_in(paths.REFERENCE))
 
 
 @pytest.fixture

@@ -30,9 +30,12 @@ def small():
     return audit.Config(**{**quick, "jobs": 1, "n_poses": 15})
 
 
+FEW = audit.Config(n_seeds=2, n_corrected=2, n_poses=8, jobs=1)  # with the levels of the YAML
+
+
 @pytest.fixture(scope="module")
-def sweep(small):
-    return audit.run_sweep(small)
+def sweep():
+    return audit.run_sweep(FEW)
 
 
 @pytest.fixture(scope="module")
@@ -40,13 +43,11 @@ def studies(small):
     return audit.run_windows(small.model_copy(update={"p_windows": 0.0, "n_windows": 3}))
 
 
-def test_every_claim_gets_its_numbers(tmp_path):
+def test_every_claim_gets_its_numbers(sweep, tmp_path):
     """With the levels of the YAML, all keys that claims.yaml asks of notebook 05 are there."""
-    config = audit.Config(n_seeds=2, n_corrected=2, n_poses=8, jobs=1)
     to = report.Report("05_audit", tmp_path)
-    gaussian = audit.run_gaussian_ess(config)
-    sweep = audit.run_sweep(config)
-    audit_values.record(config, sweep, sweep.refined.query("variant == 'paper'"), gaussian, to)
+    gaussian = audit.run_gaussian_ess(FEW)
+    audit_values.record(FEW, sweep, sweep.refined.query("variant == 'paper'"), gaussian, to)
     samples = {key: entry for key, entry in handed_on(to).items() if "sample" in entry}
     assert all(len(entry["sample"]) == 2 for entry in samples.values())
     for preset in conventions.PRESETS:
@@ -80,20 +81,20 @@ def test_results_do_not_depend_on_the_number_of_processes(small, forked):
     pd.testing.assert_frame_equal(one, two)
 
 
-def test_tables_are_whole(small, sweep, studies):
+def test_tables_are_whole(sweep, studies):
     runs, detections = sweep.runs, sweep.detections
-    n_levels, n_presets = len(small.p_levels), len(conventions.PRESETS)
+    n_levels, n_presets = len(FEW.p_levels), len(conventions.PRESETS)
     printed = {0.0: 0.15}
     assert show.by_preset(runs, "pose_rmse", printed=printed).shape == (
         n_levels,
         2 + n_presets,
     )
-    assert show.detection_table(detections, runs, small.tau).shape == (
+    assert show.detection_table(detections, runs, FEW.tau).shape == (
         n_levels * n_presets,
         8,
     )
-    assert len(show.silent_table(detections)) == len(small.taus)
-    assert show.words_table(detections, small.tau).shape == (n_presets, 3)
+    assert len(show.silent_table(detections)) == len(FEW.taus)
+    assert show.words_table(detections, FEW.tau).shape == (n_presets, 3)
     assert show.sampler_table(studies).shape == (7, 3)
     rows = isam2_over_worlds.auc_rows(sweep, rng=np.random.default_rng(0))
     assert len(show.auc_table(rows)) == n_levels * n_presets

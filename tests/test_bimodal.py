@@ -178,11 +178,13 @@ def from_scratch():
     return cells_from_scratch("01_bimodal")
 
 
+PLANE = bimodal.Config()  # made once: the likelihood is asked a hundred thousand times
+
+
 def plane_log_likelihood(point):
     """The ranges of notebook 01 at a place (..., 2), [nats]."""
-    config = bimodal.Config()
-    distances = np.linalg.norm(np.asarray(point)[..., None, :] - config.anchors, axis=-1)
-    return -0.5 * np.sum(((distances - config.measured_range) / config.range_sigma) ** 2, axis=-1)
+    distances = np.linalg.norm(np.asarray(point)[..., None, :] - PLANE.anchors, axis=-1)
+    return -0.5 * np.sum(((distances - PLANE.measured_range) / PLANE.range_sigma) ** 2, axis=-1)
 
 
 CORNERS = np.array([[-6.0, -8.0], [10.0, 8.0]])

@@ -8,7 +8,7 @@ from helpers import cells_from_scratch, handed_on, signatures
 
 from sngr_utils import multimodal
 from sngr_utils.detection import mirror_image
-from sngr_utils.experiments import multimodality, sampler_contest
+from sngr_utils.experiments import multimodality, sampler_contest, warm_up
 from sngr_utils.publish import report
 from sngr_utils.show import multimodal as show
 
@@ -36,8 +36,18 @@ def test_bad_parameters_are_named(name, change):
 
 
 @pytest.fixture(scope="module")
-def landmarks():
-    return multimodal.run_landmarks(QUICK)
+def study():
+    """Landmarks, windows and samplers of a small study; what was compiled before, and after."""
+    warm_up.compile_all(jobs=1)  # here, where the signatures are
+    before = signatures()
+    multimodal.view(QUICK, 0, 1)
+    runs = (multimodal.run_landmarks, multimodal.run_windows, multimodal.run_samplers)
+    return *(run(QUICK) for run in runs), before, signatures()
+
+
+@pytest.fixture(scope="module")
+def landmarks(study):
+    return study[0]
 
 
 def test_no_gaussian_beats_the_one_with_the_posteriors_moments(landmarks):
@@ -98,15 +108,9 @@ def test_results_do_not_depend_on_the_number_of_workers(landmarks):
     pd.testing.assert_frame_equal(landmarks, again)
 
 
-def test_a_study_needs_nothing_more_compiled():
-    sampler_contest.compile_all()
-    mirror_image.mirror_test(np.zeros((1, 2)), np.ones(1), np.ones(1), np.ones(2))
-    before = signatures()
-    config = QUICK.model_copy(update={"poses_seen": [2], "n_particles": 100})
-    multimodal.view(config, 0, 1)
-    for run in (multimodal.run_landmarks, multimodal.run_windows, multimodal.run_samplers):
-        run(config)
-    assert signatures() == before
+def test_a_study_needs_nothing_more_compiled(study):
+    *_, before, after = study
+    assert after == before
 
 
 def test_the_window_score_is_that_of_the_poses():
@@ -119,13 +123,12 @@ def test_the_window_score_is_that_of_the_poses():
     assert turned == pytest.approx(0.1 * np.sqrt([1, 2, 3]), rel=1e-5)
 
 
-def test_every_case_is_counted_once_and_every_method_judged(landmarks, tmp_path):
-    found = multimodal.run_windows(QUICK)
+def test_every_case_is_counted_once_and_every_method_judged(study, tmp_path):
+    landmarks, found, runs, *_ = study
     rows = show.detection_rows(QUICK, landmarks, found)
     counted = rows[["found", "missed", "false", "silent"]].sum(axis=1)
     assert set(counted[rows["case"] == "landmark"]) == {len(landmarks)}
     assert set(counted[rows["case"] == "window"]) == {len(found)}
-    runs = multimodal.run_samplers(QUICK)
     for case in ("landmark", "window", "two anchors, from the saddle"):
         assert set(runs.loc[runs["case"] == case, "method"]) == set(sampler_contest.METHODS)
     assert runs["mass_error"].between(0, 1).all()

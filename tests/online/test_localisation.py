@@ -154,7 +154,7 @@ def test_a_straight_line_leaves_two_modes_of_one_half_each():
 
 
 def test_a_circle_around_a_landmark_leaves_one():
-    positions = simulation.circle_poses(12, 5.0)[:, :2]
+    positions = simulation.circle_poses(12, 5.0)[:, :2].copy()  # as compiled: contiguous
     ranges = np.linalg.norm(positions - [1.0, 2.0], axis=1)
     ranges[3] += 2.0  # one of them is wrong
     evidence = place.Evidence(

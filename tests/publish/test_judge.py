@@ -21,7 +21,6 @@ from sngr_utils.publish import (
     rules,
     verdict_tables,
 )
-from sngr_utils.publish.results import results_in
 from sngr_utils.slam import conventions
 
 VALUES = {  # handed on as single values; all other keys are samples
@@ -442,12 +441,6 @@ def test_missing_results_are_named(results):
     results["audit.C.p0.1.nees"] = value(1.0)
     with pytest.raises(notebooks.ProjectError, match="must be a sample"):
         judge.evaluate(results)
-
-
-@pytest.fixture(scope="module")
-def verdicts():
-    """Of the committed reference."""
-    return verdict_tables.judged(results_in(paths.REFERENCE))
 
 
 def test_tables_for_latex(verdicts):

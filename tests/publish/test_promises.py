@@ -155,11 +155,6 @@ def reference():
     return results_in(paths.REFERENCE)
 
 
-@pytest.fixture(scope="module")
-def judged(reference):
-    return verdict_tables.judged(reference)
-
-
 @pytest.mark.parametrize(
     ("file", "old", "new", "claim"),
     [
@@ -194,9 +189,9 @@ def test_an_altered_claim_is_noticed(reference, tmp_path, monkeypatch, file, old
     assert [name[: len(claim)] for name in changed] == ([claim] if claim else [])
 
 
-def test_every_printed_number_stands_beside_ours_in_the_paper(judged):
-    table = verdict_tables.whole(judged.read)
-    numbers = [one for row in judged.read for one in row.numbers]
+def test_every_printed_number_stands_beside_ours_in_the_paper(verdicts):
+    table = verdict_tables.whole(verdicts.read)
+    numbers = [one for row in verdicts.read for one in row.numbers]
     for one in numbers:
         shown = [cell.translate(latex.LATEX_CELL) for cell in (one.id, one.printed, one.ours)]
         assert " & ".join(shown) in table, one.id
@@ -208,13 +203,13 @@ def test_every_printed_number_stands_beside_ours_in_the_paper(judged):
 # --- what the paper and the README ask for -------------------------------------------------------
 
 
-def test_whatever_the_paper_asks_for_is_handed_on(reference, judged):
+def test_whatever_the_paper_asks_for_is_handed_on(reference, verdicts):
     """Else LaTeX stops, after the long run: \\res, \\tab and \\fig each need what they name.
 
     And every table stands in the paper or in its supplement.
     """
     body = paper_text()
-    made = verdict_tables.result(judged)
+    made = verdict_tables.result(verdicts)
     values = set(re.findall(r"\\res\{([^}]*)\}", body))
     assert values <= reference.keys() | made["values"].keys()
     sources = {

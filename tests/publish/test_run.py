@@ -420,8 +420,7 @@ def test_parameters_cell_that_cannot_be_read(project):
 def test_what_makes_results_stale(project):
     params = parameters.read_params(NAME)
     before = freshness.inputs(NAME, params)
-    unrelated = project / "sngr_utils/cost.py"
-    unrelated.write_text(unrelated.read_text() + "\n# changed\n")
+    (project / "sngr_utils/unrelated.py").write_text("# new")
     assert freshness.inputs(NAME, params) == before
     used = project / "sngr_utils/publish/report.py"
     used.write_text(used.read_text() + "\n# changed\n")
@@ -432,6 +431,7 @@ def test_rows_of_studies_make_those_stale_that_read_them(project):
     params, declared = parameters.read_params(NAME), declared_cell(project)
     rows = project / "paper/studies/toy.json"
     rows.parent.mkdir()
+    add(project, {"experiments/__init__.py": "", "experiments/studies.py": ""})
     for reader, told in (("", False), ("from sngr_utils.experiments import studies\n", True)):
         write_notebook(project, declared, reader + BODY)
         rows.write_text("[]")
