@@ -1,8 +1,10 @@
 """How long a notebook takes to read, counted on a notebook that is counted by hand."""
 
 import importlib.util
+import re
 import sys
 
+import nbformat
 import pytest
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_output
 
@@ -65,3 +67,13 @@ def test_a_notebook_without_a_limit_is_noticed():
 def test_a_table_that_is_large_or_unmarked_is_a_fault():
     load, minutes = reading.Load(1, 3, 1, 1, 0), {"a": 1, "all": 1}
     assert reading.report({"a": load}, minutes)[1] == ["a: 1 tables are large, 1 without a mark"]
+
+
+@pytest.mark.parametrize(
+    "path", sorted(paths.NOTEBOOKS.glob("*.ipynb")), ids=lambda path: path.stem
+)
+def test_a_chapter_says_how_long_it_takes_to_read(path):
+    said = re.search(r"\*\*Time\*\*: (\d+) minutes? of reading", path.read_text())
+    assert float(said[1]) == pytest.approx(
+        reading.load_of(nbformat.read(path, 4)).minutes, abs=1.05
+    )
