@@ -10,6 +10,7 @@ from sngr_utils.experiments.estimators import BATCH, METHODS
 from sngr_utils.experiments.online_variants import NAME, PARTS
 from sngr_utils.metrics import summaries
 from sngr_utils.show.association_aware import ZOOM
+from sngr_utils.show.worlds import OVERCONFIDENT
 
 PEERS = ("0.1", "0.2", "0.3", "0.4", "0.5")
 LEVELS = ("0", "0.05", *PEERS)
@@ -154,40 +155,52 @@ def test_slips():
 def test_in_worlds_of_other_kinds_the_middle_one_is_at_the_oracle_but_where_something_is_hidden():
     rows = studies.committed("every_world")
     for (kind, preset, p), group in rows.groupby(["kind", "preset", "p"]):
-        if kind == "straight" or kind in every_world.MISLED:
+        if kind in every_world.MISLED:
             continue
         assert interval(group["final"]).low < 1.05, (kind, preset, p)
-        assert group["final"].median() < 1.07, (kind, preset, p)
+        assert group["final"].median() < 1.08, (kind, preset, p)
     medians = rows.groupby("kind")["final"].median()
-    assert medians["straight"] > 1.05
     assert medians[list(every_world.MISLED)].min() > 2
 
 
-def test_one_in_thirteen_is_lost_most_of_them_misled_and_nearly_all_of_those_doubt_themselves():
+def test_on_a_straight_road_the_mean_over_sides_is_nearer_than_the_likeliest():
+    """A number for each world: both levels of p are looks at the same ones."""
+    rows = studies.committed("every_world")
+    roads = rows[rows["kind"] == "straight"]
+    change = np.log(roads["final"] / roads["at_mode"]).groupby(roads["seed"]).mean()
+    less, more, p_value = summaries.sign_test(change)
+    assert (less, more) == (21, 9)
+    assert p_value < 0.05
+
+
+def test_one_in_fourteen_is_lost_most_of_them_misled_and_nearly_all_of_those_doubt_themselves():
     n, lost, found, others, missed = (
         value(f"worlds.{key}")
         for key in ("n", "lost", "lost_doubted", "others_doubted", "lost_by_search")
     )
-    assert 1 / 13.5 < lost / n < 1 / 12.5
+    assert 1 / 14.5 < lost / n < 1 / 13.5
     assert found > 0.5 * lost
     assert others < 0.02 * (n - lost)
-    assert missed <= 1
+    assert missed == 0
     rows = studies.committed("every_world")
     rest = rows[(rows["final"] > every_world.LOST) & ~rows["kind"].isin(every_world.MISLED)]
     assert len(rest) < 0.5 * lost
+    assert not (rows[rows["final"] > every_world.LOST]["behind"] > 1).any()
     assert found - rest["doubtful"].sum() > 0.9 * (lost - len(rest))
-    assert rest["doubtful"].mean() < 0.1
-    assert 0.6 < (rest["at_truth"] > every_world.LOST).mean() < 0.73
+    assert not rest["doubtful"].any()
+    assert 0.7 < (rest["at_truth"] > every_world.LOST).mean() < 0.8
     assert rows[rows["kind"] == "ranges 10 % long"]["doubtful"].all()
-    assert rest.groupby(["kind", "preset", "p"]).size().max() <= 5  # a few of nearly every kind
-    assert rest["kind"].nunique() >= 15
+    assert (rest["preset"] == "B").mean() >= 0.5
+    assert rows[rows["preset"] == "B"]["oracle_nees"].mean() > 4
 
 
-def test_few_err_by_far_more_than_they_say_and_nearly_all_of_those_doubt_themselves():
+def test_few_err_by_far_more_than_they_say_and_doubt_it_unless_the_oracle_does_too():
     over, doubted = value("worlds.overconfident"), value("worlds.overconfident_doubted")
     assert over < 0.05 * value("worlds.n")
-    assert doubted > 0.9 * over
+    assert doubted > 0.8 * over
     rows = studies.committed("every_world")
+    silent = rows[(rows["nees"] > OVERCONFIDENT) & (rows["doubtful"] == 0)]
+    assert (silent["oracle_nees"] > OVERCONFIDENT).all()
     others = rows[(rows["final"] > every_world.LOST) & (rows["doubtful"] == 0)]
     assert (others["nees"] < 2.4).mean() > 0.8  # the asked interval's end
 
