@@ -34,12 +34,19 @@ def test_no_labels_are_as_good_as_right_ones():
             assert of[kind] < 1.05 * right
 
 
-def test_what_fails_is_doubted_and_of_what_is_sound_the_clutter_alone():
+def test_what_fails_is_doubted_and_of_what_is_sound_the_clutter_and_one_without_names():
     failed = OURS["rmse"] > 1.0
     assert failed.sum() == 2
     assert (OURS["kind"][failed] == "cut").all()
     for rows in (OURS, ONLINE[ONLINE["method"] == "online"]):
-        assert (rows["doubtful"].astype(bool) == rows["kind"].isin(["cut", "clutter"])).all()
+        also = rows["doubtful"].astype(bool) & ~rows["kind"].isin(["cut", "clutter"])
+        assert rows[rows["kind"].isin(["cut", "clutter"])]["doubtful"].all()
+        if rows is OURS:
+            assert not also.any()
+        else:
+            (reason,) = rows[also & (rows["kind"] == "shuffled")]["reasons"]
+            assert also.sum() == 1
+            assert reason.startswith("another estimate is less likely by 1")
 
 
 def test_the_scale_is_near_that_of_the_gps_and_a_little_too_sure():
@@ -68,11 +75,11 @@ def test_online_ends_within_two_centimetres_of_batch():
     assert (few[["used", "right"]] > 0.98).all(axis=None)
 
 
-def test_while_driving_right_labels_would_do_no_better_in_three_runs_of_four():
+def test_while_driving_right_labels_gain_under_a_tenth():
     rows = DRIVEN[DRIVEN["p"] == 0.4]
     assert (rows["filtered_beside"] > 1.2 * rows["final"]).all()
     assert len(rows) == 4
-    assert (rows["filtered_beside"] < 1.1 * rows["filtered_oracle"]).sum() == 3
+    assert (rows["filtered_beside"] < 1.1 * rows["filtered_oracle"]).all()
 
 
 def test_with_missed_steps_open_batch_is_as_sure_as_it_should_be_and_online_nearly():
