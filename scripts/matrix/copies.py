@@ -19,8 +19,10 @@ WORK = ROOT / "build" / "matrix"
 sys.path.insert(0, str(ROOT / "tests"))
 
 NAME = "01_bimodal"
-TOP = ("Makefile", "scripts", "pyproject.toml", ".gitattributes", ".gitignore", "README.md",
-       "LICENSE", "LICENSE-text", ".binder")  # fmt: skip
+TOP = (
+    "Makefile", "sngr_utils", "scripts", "pyproject.toml", ".gitattributes", ".gitignore",
+    "README.md", "LICENSE", "LICENSE-text", ".binder",
+)  # fmt: skip
 PAPER = r"""\documentclass{article}\usepackage{booktabs,hyperref}
 \pdftrailerid{}\pdfsuppressptexinfo=-1
 \input{generated/values}\input{generated/timings}\input{generated/sources}
@@ -165,7 +167,10 @@ def make_template() -> None:
     make_project(folder)
     for name in TOP:
         source = ROOT / name
-        (shutil.copytree if source.is_dir() else shutil.copy)(source, folder / name)
+        if source.is_dir():
+            shutil.copytree(source, folder / name, dirs_exist_ok=True)
+        else:
+            shutil.copy(source, folder)
     (folder / "paper/sngr.tex").write_text(PAPER)
     (folder / "paper/supplement.tex").write_text(SUPPLEMENT)
     (folder / "paper/reference").mkdir()
