@@ -158,7 +158,7 @@ def test_in_worlds_of_other_kinds_the_middle_one_is_at_the_oracle_but_where_some
         if kind in every_world.MISLED:
             continue
         assert interval(group["final"]).low < 1.05, (kind, preset, p)
-        assert group["final"].median() < 1.08, (kind, preset, p)
+        assert group["final"].median() < (1.08 if kind == "odometry 2" else 1.07), (kind, preset, p)
     medians = rows.groupby("kind")["final"].median()
     assert medians[list(every_world.MISLED)].min() > 2
 
