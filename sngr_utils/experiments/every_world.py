@@ -131,39 +131,41 @@ def draw(kind: str, p: float, seed: int) -> tuple[World, World]:
 
 
 def rows(kind: str, preset: str, p: float, seed: int) -> list[dict]:
-    """One world: errors over the oracle's, consistency, and what the result says of itself."""
+    """One world: errors over the oracle's, consistency, and what the result says of itself.
+
+    Of the columns, `at_truth` and `at_mode` are the errors of EM from the truth and from what was
+    found, told which steps have slipped, and `behind` is by how many nats the first is likelier.
+    """
     world, sound = draw(kind, p, seed)
     conventions = PRESETS[preset]
-    rng = np.random.default_rng([seed, STREAM, 1])
-    log = world.log(conventions.x0_sigmas)
+    log, truth = world.log(conventions.x0_sigmas), world.poses[:, :2]
     told, unmissed = (sound, world) if kind in MISLED else (world, sound)
-    likelier = [world.poses[0, :2]]
+    informed = partial(informed_em, log, slipped(world, unmissed), conventions)
+    likelier = [truth[0]]
 
     def watch(belief: Belief) -> None:
-        likelier.append(newest_of_the_likelier(belief, world, unmissed, conventions))
+        likelier.append(newest_of_the_likelier(belief, world, informed, conventions))
 
+    rng = np.random.default_rng([seed, STREAM, 1])
     found = run_unwarned(log, conventions, estimator.Settings(), watch, rng=rng)
     best, filtered = oracle(told, sound, conventions, from_grid=kind == "circle")
-    truth = world.poses[:, :2]
-    least = rmse_and_nees.rmse(best.poses[:, :2], truth)
+    at_truth = informed((world.poses, world.landmarks))
+    least, newest = (rmse_and_nees.rmse(each[:, :2], truth) for each in (best.poses, filtered))
+    final = {
+        "final": found.poses,
+        **_peers(log, conventions),
+        "at_truth": at_truth.found.poses,
+        "at_mode": informed((found.poses, found.landmarks)).found.poses,
+    }
+    driven = {"filtered": found.filtered[:, :2], "filtered_likelier": np.array(likelier)}
     consistency = partial(estimators.expected_nees, world, conventions)
-    at_truth = by_em(world, unmissed, conventions, (world.poses, world.landmarks))
-    at_mode = by_em(world, unmissed, conventions, (found.poses, found.landmarks))
-    newest = rmse_and_nees.rmse(filtered, truth)
     row = {
         "kind": kind, "preset": preset, "p": p, "seed": seed,
-        "final": rmse_and_nees.rmse(found.poses[:, :2], truth) / least,
-        "filtered": rmse_and_nees.rmse(found.filtered[:, :2], truth) / newest,
-        "filtered_likelier": rmse_and_nees.rmse(np.array(likelier), truth) / newest,
+        **{name: rmse_and_nees.rmse(of[:, :2], truth) / least for name, of in final.items()},
+        **{name: rmse_and_nees.rmse(of, truth) / newest for name, of in driven.items()},
         "nees": consistency(found.poses, found.position_covariances),
         "oracle_nees": consistency(best.poses, best.position_covariances),
         "oracle_rmse": least,
-        **{
-            peer: rmse_and_nees.rmse(poses[:, :2], truth) / least
-            for peer, poses in _peers(log, conventions).items()
-        },
-        "at_truth": rmse_and_nees.rmse(at_truth.found.poses[:, :2], truth) / least,
-        "at_mode": rmse_and_nees.rmse(at_mode.found.poses[:, :2], truth) / least,
         "behind": found.cost - at_truth.cost,
         **_landmarks(world, conventions, found, best),
         **_diagnosis(found),
@@ -212,32 +214,43 @@ def _diagnosis(found: estimator.OnlineEstimate) -> dict:
     }  # fmt: skip
 
 
-def by_em(
-    world: World, sound: World, conventions: Conventions, start: tuple[np.ndarray, np.ndarray]
+def slipped(world: World, sound: World) -> np.ndarray:
+    """(T-1,) bool, steps of which the odometry is not that of the sound world."""
+    return (world.odometry != sound.odometry).any(axis=1)
+
+
+def informed_em(
+    log: Log, missed: np.ndarray, conventions: Conventions, start: tuple[np.ndarray, np.ndarray]
 ) -> rivals.Rival:
     """EM of the estimator's model from (n, 3) poses and (K, 2) landmarks; it knows what slipped.
 
     Where it is likelier from the truth than what was found, the search has failed; where it ends
     at the same place, or is less likely, the data mislead.
+
+    Parameters
+    ----------
+    missed : (T-1,) bool, see `slipped`; of the log, the first n poses count
     """
-    n = len(start[0])
-    log = world.log(conventions.x0_sigmas).first(n)
-    told, missed = log.odometry_covariances, (world.odometry != sound.odometry).any(axis=1)
-    log = rivals.distrusting(log, missed[: n - 1])
-    return rivals.rival(log, told, rivals.by_em(log, conventions, start, 1.0))
+    part = log.first(len(start[0]))
+    told = part.odometry_covariances
+    part = rivals.distrusting(part, missed[: len(told)])
+    return rivals.rival(part, told, rivals.by_em(part, conventions, start, 1.0))
 
 
 def newest_of_the_likelier(
-    belief: Belief, world: World, sound: World, conventions: Conventions
+    belief: Belief, world: World, informed: Callable, conventions: Conventions
 ) -> np.ndarray:
     """(2,) newest position as held, or by EM from the truth where that is likelier by a nat, [m].
 
     What an estimator of the same model would have said on its way that overlooks nothing.
+
+    Parameters
+    ----------
+    informed : `informed_em` of the log of the world, from a start
     """
     log, told, poses, _ = belief.whole()
     ours = rivals.by_em(log, conventions, (poses, belief.landmarks), 1.0)
-    start = world.poses[: belief.n_poses], world.landmarks
-    best = by_em(world, sound, conventions, start)
+    best = informed((world.poses[: belief.n_poses], world.landmarks))
     likelier = best.cost < rivals.rival(log, told, ours).cost - estimator.BETTER
     return (best.found.poses if likelier else belief.poses)[-1, :2]
 
@@ -256,7 +269,7 @@ def oracle(
     known = replace(known, label_of=known.source_of, scenario=sound.scenario)
     log = known.log(conventions.x0_sigmas)
     wide = log.odometry_covariances.copy()
-    wide[(world.odometry != sound.odometry).any(axis=1)] = KNOWN_SLIP**2 * np.eye(3)
+    wide[slipped(world, sound)] = KNOWN_SLIP**2 * np.eye(3)
     log = log.with_covariances(wide)
     landmarks, start = world.landmarks, world.poses
     if from_grid:

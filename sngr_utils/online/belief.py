@@ -168,7 +168,7 @@ class Belief:
 
     def solve(self) -> None:
         """Estimate the window anew, ranges taken as they are assigned."""
-        chain = self._chain(self.log, self.poses, self.landmarks, self.assignment.used, self.n_left)
+        chain = self.chain(self.landmarks)
         at = chain_solver.state_of(chain, self.poses, self.landmarks)
         at, _ = window.minimise(chain, self.past, at)
         self.poses, self.landmarks = information.poses_of(at.frames), at.landmarks
@@ -197,10 +197,14 @@ class Belief:
 
     def settled(self, landmarks: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         """Cost [nats], (W, 3) poses and (K, 2) landmarks at the minimum from other landmarks."""
-        chain = self._chain(self.log, self.poses, landmarks, self.assignment.used, self.n_left)
+        chain = self.chain(landmarks)
         at = chain_solver.state_of(chain, self.poses, landmarks)
         at, least = window.minimise(chain, self.past, at)
         return least, information.poses_of(at.frames), at.landmarks
+
+    def chain(self, landmarks: np.ndarray) -> Chain:
+        """The problem of the window, its ranges assigned, with (K, 2) landmarks or NaN, [m]."""
+        return self._chain(self.log, self.poses, landmarks, self.assignment.used, self.n_left)
 
     def _chain(self, log: Log, poses, landmarks, used: np.ndarray, start: int) -> Chain:
         """The problem of a part of the log that begins at pose `start`."""
@@ -267,7 +271,7 @@ class Belief:
         return self._once(("covariance", anchored), lambda: self._covariance(anchored))
 
     def _covariance(self, anchored: bool) -> selected_inverse.ChainCovariance:
-        chain = self._chain(self.log, self.poses, self.landmarks, self.assignment.used, self.n_left)
+        chain = self.chain(self.landmarks)
         at = chain_solver.state_of(chain, self.poses, self.landmarks)
         window.cost(chain, self.past, at)
         system = window.linearise(chain, self.past, at)

@@ -72,10 +72,10 @@ class OnlineEstimate:
 
     Attributes
     ----------
-    poses : (T, 3), [m, m, rad], the mean over the sides on which landmarks may lie
+    poses : (T, 3), [m, m, rad]; if `Settings.soft`, the mean over the sides that are open
     landmarks : (K, 2), [m]; on the likeliest side; NaN for one that is not started
     landmark_covariances : (K, 2, 2), [m^2]
-    in_doubt : (K,) bool, landmarks whose place is open, or whose mirror image is as likely
+    in_doubt : (K,) bool, landmarks whose place is open, or their side, see `mirrors.turned`
     graph_poses : (T, 3) those that take the assignments for certain
     used : (M,) int, landmark each range is assigned to, -1 for none
     position_covariances : (T, 2, 2) in the world frame, [m^2]
@@ -210,7 +210,15 @@ class Online:
             self._restart()
         if self.calibration.open and belief.n_poses >= self.next_look and belief.present.all():
             self._calibrate()
-        self.filtered.append(belief.poses[-1])
+        self.filtered.append(self._newest() if settings.soft else belief.poses[-1])
+
+    def _newest(self) -> np.ndarray:
+        """(3,) newest pose, the mean over the sides that the window leaves open, [m, m, rad]."""
+        belief = self.belief
+        asked = belief.in_doubt & belief.present
+        chain = belief.chain(belief.landmarks)
+        others = mirrors.choices(chain, belief.poses, belief.landmarks, asked, belief.settled)
+        return mirrors.over_sides(belief.poses, others, len(asked)).poses[-1]
 
     def _assign(self, newest_only: bool = False) -> None:
         """Assign the ranges anew."""
@@ -257,9 +265,9 @@ class Online:
         return bool(belief.slipped[-1] or newest_lost or too_many)
 
     def _restart(self) -> None:
-        """EM over all data so far, from where we are and from nothing; the best one is kept.
+        """EM over all data so far, from where we are and from nothing, and without the slips.
 
-        Source: `em.fit`.
+        The best one is kept, see `rivals.from_nothing`.
         """
         belief = self.belief
         belief.counts["batch trials"] += 1
@@ -331,9 +339,10 @@ class Online:
             log = calibration.of(log).after(ours.calibration).corrected(log)
             cost_of_it = rivals.rival(log, told, ours).cost
             cost_of_it += len(log.ranges) * np.log(calibrated.scale)  # of ranges as measured
-        landmarks, covariances = ours.landmarks, ours.position_covariances
+        landmarks = ours.landmarks
+        either = mirrors.over_sides(ours.poses, mirrors.turned(ours), log.n_landmarks)
         if self.settings.soft:
-            poses, covariances = mirrors.mean_over_sides(ours)
+            poses, covariances = either.poses, ours.position_covariances + either.spread
         else:
             poses, landmarks = graph_poses, belief.landmarks
             chain = chain_problem.of_log(log, landmarks, LOOSE * belief.longest)
@@ -344,7 +353,7 @@ class Online:
         wrong = ours.shares.wrong if self.settings.p is None else self.settings.p
         blocks = belief.covariance().landmarks.reshape(log.n_landmarks, 2, log.n_landmarks, 2)
         own = np.einsum("kikj->kij", blocks)
-        in_doubt = belief.in_doubt | ~belief.present | self._vague()
+        in_doubt = belief.in_doubt | ~belief.present | self._vague() | either.open
         belief.counts["slips"] = int(belief.slipped.sum())
         belief.counts["dropped"] = int(np.sum(used == DROPPED))
         belief.counts["swapped"] = int(np.sum((used != DROPPED) & (used != log.label_of)))

@@ -11,7 +11,7 @@ from scipy import stats
 from sngr_utils.online import localisation
 from sngr_utils.online.belief import Belief
 from sngr_utils.online.data_association import DROPPED, VAGUE
-from sngr_utils.robust import association
+from sngr_utils.robust import association, mirrors
 from sngr_utils.sampling import importance
 from sngr_utils.sampling.targets import place
 from sngr_utils.slam import landmark_starts
@@ -19,7 +19,6 @@ from sngr_utils.world.log import NO_LABEL
 
 POSES_NEEDED = 4  # with three of a short arc, the mirror image is always there
 LONG = 8  # poses from which a landmark that is seen may enter on one of two sides
-DECIDED = np.log(99.0)  # nats by which one of them is worse, for the other to be believed
 LIKELY = 0.2  # probability that makes a range a witness of a landmark not yet initialised
 FEWEST_USED = 0.5  # share of the expected uses of its label below which a landmark is taken out
 YOUNG = 10  # labels that it must have had before it is judged
@@ -92,7 +91,7 @@ def turn_over(belief: Belief) -> None:
             if gap < 0:
                 belief.poses, belief.landmarks, turned = poses, landmarks, True
                 belief.counts["landmarks turned over"] += 1
-            belief.in_doubt[k] = abs(gap) < DECIDED
+            belief.in_doubt[k] = abs(gap) < mirrors.DECIDED
         if not turned:
             return
 

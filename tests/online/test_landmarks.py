@@ -293,4 +293,12 @@ def test_dropped_ranges_vote_whether_a_landmark_turns_over(waiting, beyond, turn
     turn_over(waiting)
     assert waiting.counts["landmarks turned over"] == turned
     assert (waiting.landmarks is image) == bool(turned)
-    assert waiting.in_doubt[1] != bool(turned)  # at the image both verdicts agree
+    assert waiting.in_doubt[1]
+
+
+@pytest.mark.parametrize(("gap", "doubted"), [(14.99, True), (15.01, False), (np.inf, False)])
+def test_a_side_is_believed_when_the_other_is_worse_by_what_no_noise_makes(waiting, gap, doubted):
+    waiting.in_doubt[1] = True
+    waiting.mirrored = lambda k: (gap, waiting.poses, waiting.landmarks)
+    turn_over(waiting)
+    assert waiting.in_doubt[1] == doubted
