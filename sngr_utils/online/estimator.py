@@ -24,7 +24,14 @@ from sngr_utils.online.landmarks import (
     start_landmarks,
     turn_over,
 )
-from sngr_utils.robust import association, diagnosis, em, louis_covariance, mirrors
+from sngr_utils.robust import (
+    association,
+    diagnosis,
+    em,
+    growing_map,
+    louis_covariance,
+    mirrors,
+)
 from sngr_utils.robust.association import Shares
 from sngr_utils.robust.diagnosis import Diagnosis, DoubtWarning
 from sngr_utils.settings import Checked, Probability
@@ -75,7 +82,8 @@ class OnlineEstimate:
     poses : (T, 3), [m, m, rad]; if `Settings.soft`, the mean over the sides that are open
     landmarks : (K, 2), [m]; on the likeliest side; NaN for one that is not started
     landmark_covariances : (K, 2, 2), [m^2]
-    in_doubt : (K,) bool, landmarks whose place is open, or their side, see `mirrors.turned`
+    in_doubt : (K,) bool, landmarks whose place is open, or their side (`mirrors.choices`), or
+        their name (`growing_map.names_open`)
     graph_poses : (T, 3) those that take the assignments for certain
     used : (M,) int, landmark each range is assigned to, -1 for none
     position_covariances : (T, 2, 2) in the world frame, [m^2]
@@ -354,6 +362,7 @@ class Online:
         blocks = belief.covariance().landmarks.reshape(log.n_landmarks, 2, log.n_landmarks, 2)
         own = np.einsum("kikj->kij", blocks)
         in_doubt = belief.in_doubt | ~belief.present | self._vague() | either.open
+        in_doubt |= growing_map.names_open(log, ours)
         belief.counts["slips"] = int(belief.slipped.sum())
         belief.counts["dropped"] = int(np.sum(used == DROPPED))
         belief.counts["swapped"] = int(np.sum((used != DROPPED) & (used != log.label_of)))
