@@ -195,16 +195,24 @@ class Belief:
         apart = np.linalg.norm(landmarks[k] - image[k]) > self.log.range_sigmas[mine].min()
         return theirs - ours if apart else np.inf, image_poses, image
 
-    def settled(self, landmarks: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """Cost [nats], (W, 3) poses and (K, 2) landmarks at the minimum from other landmarks."""
-        chain = self.chain(landmarks)
+    def settled(
+        self, landmarks: np.ndarray, used: np.ndarray | None = None
+    ) -> tuple[float, np.ndarray, np.ndarray]:
+        """Cost [nats], (W, 3) poses and (K, 2) landmarks at the minimum from other landmarks.
+
+        Parameters
+        ----------
+        used : (M,) int, other assignments of the ranges
+        """
+        chain = self.chain(landmarks, used)
         at = chain_solver.state_of(chain, self.poses, landmarks)
         at, least = window.minimise(chain, self.past, at)
         return least, information.poses_of(at.frames), at.landmarks
 
-    def chain(self, landmarks: np.ndarray) -> Chain:
+    def chain(self, landmarks: np.ndarray, used: np.ndarray | None = None) -> Chain:
         """The problem of the window, its ranges assigned, with (K, 2) landmarks or NaN, [m]."""
-        return self._chain(self.log, self.poses, landmarks, self.assignment.used, self.n_left)
+        used = self.assignment.used if used is None else used
+        return self._chain(self.log, self.poses, landmarks, used, self.n_left)
 
     def _chain(self, log: Log, poses, landmarks, used: np.ndarray, start: int) -> Chain:
         """The problem of a part of the log that begins at pose `start`."""

@@ -391,8 +391,13 @@ class Online:
         before, other = best, min([best, *sides], key=lambda one: one.cost)
         if settings.restart and other.cost < best.cost - BETTER:
             best = other
-        turned = belief.counts["landmarks turned over"]
         self._adopt(best.log, told, best.found)
+        others += rivals.with_another_source(belief, best, told, self._fit, settings.exclusive)
+        other = min([best, *others], key=lambda one: one.cost)
+        if settings.restart and other.cost < best.cost - BETTER:
+            best = other
+            self._adopt(best.log, told, best.found)
+        turned = belief.counts["landmarks turned over"]
         for one in (before, *sides):
             if one.cost < best.cost + diagnosis.LEAST_RIVAL:
                 belief.in_doubt |= mirrors.elsewhere(best.found, one.found)
