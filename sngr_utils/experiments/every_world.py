@@ -17,6 +17,8 @@ from sngr_utils.experiments.online_variants import run_unwarned
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.online import estimator, rivals
 from sngr_utils.online.belief import Belief
+from sngr_utils.robust import mirrors
+from sngr_utils.robust.em import SoftEstimate
 from sngr_utils.slam import chain_problem, chain_solver, landmark_starts
 from sngr_utils.slam.chain_solver import CERES
 from sngr_utils.slam.conventions import PRESETS, Conventions
@@ -167,10 +169,25 @@ def rows(kind: str, preset: str, p: float, seed: int) -> list[dict]:
         "oracle_nees": consistency(best.poses, best.position_covariances),
         "oracle_rmse": least,
         "behind": found.cost - at_truth.cost,
+        **_sides(at_truth.found),
         **_landmarks(world, conventions, found, best),
         **_diagnosis(found),
     }  # fmt: skip
     return [row]
+
+
+def _sides(at_truth: SoftEstimate) -> dict:
+    """Choices of sides that are open beside the true one, how many are likelier, and by how much.
+
+    NaN where there is no other; what is likeliest is likelier by so many nats, negative if it is
+    less likely.
+    """
+    costs = [one.cost for one in mirrors.turned(at_truth)]
+    return {
+        "sides": len(costs),
+        "sides_likelier": float(np.mean(np.array(costs) < 0)) if costs else float("nan"),
+        "sides_gain": -min(costs) if costs else float("nan"),
+    }
 
 
 def _peers(log: Log, conventions: Conventions) -> dict[str, np.ndarray]:

@@ -96,3 +96,6 @@ def record(rows: pd.DataFrame, to: report.Report) -> None:
     over = rows["nees"] > OVERCONFIDENT
     to.value("worlds.overconfident", over.sum(), ".0f")
     to.value("worlds.overconfident_doubted", (over & doubted).sum(), ".0f")
+    straight = rows[rows["kind"] == "straight"]
+    to.value("worlds.straight.likelier_sides", straight["sides_likelier"].mean(), ".2f")
+    to.value("worlds.straight.gain", straight["sides_gain"].max(), ".0f")
