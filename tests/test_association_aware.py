@@ -55,6 +55,20 @@ def test_tables_hold_what_the_frame_holds(runs):
     assert counts.iloc[1]["many starts", "landmark"] == f"{asked:.1f}"
 
 
+def test_a_world_far_off_moves_no_median():
+    """The interval runs from the second of ten to the ninth."""
+    ratio = [*range(1, 10), 1000.0]
+    world = pd.DataFrame({"p": 0.4, "ratio": ratio, "pose_rmse": ratio, "landmark_rmse": ratio})
+    parts = [world.assign(method=m, nets=n) for m in online_variants.PARTS for n in (True, False)]
+    table = show.ablation_table(pd.concat(parts)).map(str)
+    assert table.shape == (len(online_variants.PARTS), 5)
+    assert (table["p = 0.4, without", "median"] == "5.50 [2.00, 9.00]").all()
+    assert (table["p = 0.4, without", "worst"] == "1000.00").all()
+    slips = show.slip_table(world.assign(method="oracle")).map(str).iloc[0]
+    assert slips["RMSE [m]"] == slips["over the oracle's"] == "5.50 [2.00, 9.00]"
+    assert (slips["landmarks [m]"], slips["lost"]) == ("5.50", "9 of 10")
+
+
 def test_like_is_compared_with_like(runs):
     """The oracle is at one in every kind; a filtered pose is worse than a smoothed one."""
     oracle = runs[(runs["method"] == "oracle") & (runs["p"] == CONFIG.p_film)]

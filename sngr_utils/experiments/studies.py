@@ -21,6 +21,7 @@ from sngr_utils.experiments import (
     every_world,
     isam2_over_worlds,
     long_stream,
+    peers_again,
     real_data,
     real_online,
     real_peers,
@@ -87,6 +88,8 @@ STUDIES = {
     "every_world": Study(every_world.rows, every_world.cells(range(8800, 8830))),
     # times are those of one machine: only their order of magnitude is checked
     "long_stream": Study(long_stream.rows, [(10_000, 0.0, 100)], within=10.0),
+    # and its peers of notebook 08 in worlds that nobody has looked at
+    "peers_again": Study(peers_again.rows, [(seed,) for seed in range(8700, 8740)]),
     # with each of its constants at half and at twice its value
     "sensitivity": Study(sensitivity.rows, sensitivity.cells(range(130, 132))),
 }

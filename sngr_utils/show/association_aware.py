@@ -12,7 +12,7 @@ from sngr_utils.experiments import estimators, online_variants
 from sngr_utils.experiments.estimators import BATCH
 from sngr_utils.metrics import summaries
 from sngr_utils.publish import report
-from sngr_utils.publish.cells import cell, number
+from sngr_utils.publish.cells import Cell, cell, interval, number
 from sngr_utils.show import methods, style
 from sngr_utils.sngr import windows
 
@@ -46,7 +46,7 @@ def goal_table(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def detail_table(runs: pd.DataFrame) -> pd.DataFrame:
-    """Per p: the worst worlds, mean errors in metres, the mean NEES, and p as estimated."""
+    """Per p: the worst worlds, median errors in metres, the mean NEES, and p as estimated."""
     rows, by = [], runs.set_index(["method", "p"]).sort_index()
     for p in dict.fromkeys(runs["p"]):
         ours, batch, oracle = (by.loc[(m, p)] for m in (online_variants.NAME, BATCH, "oracle"))
@@ -56,7 +56,7 @@ def detail_table(runs: pd.DataFrame) -> pd.DataFrame:
         )  # fmt: skip
         rows.append([
             f"{p:g}", t(ours["ratio"].max()), t(batch["ratio"].max()),
-            *(t(values.mean(), ".3f") for values in metres),
+            *(t(values.median(), ".3f") for values in metres),
             t(ours["nees"].mean()), t(oracle["nees"].mean()), t(ours["p_found"].mean()),
         ])  # fmt: skip
     heads = [
@@ -125,31 +125,36 @@ def sampled(runs: pd.DataFrame) -> pd.Series:
 
 
 def ablation_table(runs: pd.DataFrame) -> pd.DataFrame:
-    """Ratio to the oracle (mean, worst) of every variant, with and without the nets of EM."""
+    """Every variant, with and without the nets of EM: ratio to the oracle, median and worst."""
     by = runs[runs["method"] != "oracle"].groupby(["method", "p", "nets"])["ratio"]
-    mean, worst = by.mean(), by.max()
     columns = [(p, nets) for p in dict.fromkeys(runs["p"]) for nets in (True, False)]
-    rows = [
-        [name, *(t(of[name, p, nets]) for p, nets in columns for of in (mean, worst))]
-        for name in online_variants.PARTS
-    ]
+    rows = []
+    for name in online_variants.PARTS:
+        groups = [by.get_group((name, *column)) for column in columns]
+        cells = ((_median(ratio), t(ratio.max())) for ratio in groups)
+        rows.append([name, *(one for pair in cells for one in pair)])
     words = {True: "with both nets", False: "without"}
     heads = [
-        (f"p = {p:g}, {words[nets]}", what) for p, nets in columns for what in ("ratio", "worst")
+        (f"p = {p:g}, {words[nets]}", what) for p, nets in columns for what in ("median", "worst")
     ]
     return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples([("", "variant"), *heads]))
 
 
+def _median(values: pd.Series, fmt: str = ".2f") -> Cell | str:
+    """Median over worlds with its 95 % interval."""
+    return interval(summaries.median_and_interval(values), fmt)
+
+
 def slip_table(runs: pd.DataFrame) -> pd.DataFrame:
-    """Odometry that slips: RMSE, ratio to the oracle, runs that are lost."""
+    """Odometry that slips: errors and ratio to the oracle, medians over worlds; runs lost."""
     rows = []
     for method, group in runs.groupby("method", sort=False):
-        rmse, ratio = group["pose_rmse"], group["ratio"]
         rows.append([
-            methods.shown(method), t(rmse.mean()), t(rmse.max()), t(group["landmark_rmse"].mean()),
-            t(ratio.median()), cell("{:d} of {:d}", (ratio > estimators.LOST).sum(), len(group)),
+            methods.shown(method), _median(group["pose_rmse"]), t(group["pose_rmse"].max()),
+            t(group["landmark_rmse"].median()), _median(group["ratio"]),
+            cell("{:d} of {:d}", (group["ratio"] > estimators.LOST).sum(), len(group)),
         ])  # fmt: skip
-    heads = ["method", "RMSE [m]", "worst [m]", "landmarks [m]", "median ratio", "lost"]
+    heads = ["method", "RMSE [m]", "worst [m]", "landmarks [m]", "over the oracle's", "lost"]
     return pd.DataFrame(rows, columns=heads)
 
 

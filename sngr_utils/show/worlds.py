@@ -38,13 +38,13 @@ def table(rows: pd.DataFrame) -> pd.DataFrame:
             number(group["nees"].mean()), number(group["oracle_nees"].mean()),
             cell("{:d} of {:d}", lost.sum(), len(group)),
             cell("{:d}, {:d}", (lost & doubted).sum(), (~lost & doubted).sum()),
-            *(number(group[peer].mean()) for peer in PEERS),
+            *(number(group[peer].median()) for peer in PEERS),
         ])  # fmt: skip
     heads = [
         "worlds", "final, median", "mean", "worst", "worst, from the truth",
         "newest pose, median", "mean ", "mean, none likelier", "known",
         "landmarks, median", "NEES", "NEES oracle", "lost", "doubted: lost, others",
-        *(f"{methods.shown(peer)}, mean" for peer in PEERS),
+        *(f"{methods.shown(peer)}, median" for peer in PEERS),
     ]  # fmt: skip
     return pd.DataFrame(lines, columns=heads)
 

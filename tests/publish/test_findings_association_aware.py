@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from stored_results import value, worlds
 
-from sngr_utils.experiments import every_world, studies
+from sngr_utils.experiments import every_world, peers_again, studies
 from sngr_utils.experiments.estimators import BATCH, METHODS
 from sngr_utils.experiments.online_variants import NAME, PARTS
 from sngr_utils.metrics import summaries
@@ -108,6 +108,18 @@ def test_who_forgets_loses_more_the_more_there_is_to_forget():
     for peer in FORGET:
         first, last = (np.median(worlds(f"online.{peer}.p{p}.ratio")) for p in ("0.1", "0.5"))
         assert 1 < first < last, peer
+
+
+def test_in_forty_fresh_worlds_no_gap_of_seven_peers_is_beyond_chance():
+    """Not even before the seven p-values are adjusted."""
+    rows = studies.committed("peers_again")
+    assert (len(rows), len(peers_again.PEERS)) == (40, 7)
+    over = {name: interval(rows[name] / rows["online"]) for name in peers_again.PEERS}
+    for name in peers_again.PEERS:
+        assert summaries.sign_test(rows[name] - rows["online"])[2] > 0.05, name
+    assert max(over, key=lambda name: over[name]["median"]) == "cauchy"
+    shown = [round(100 * (over["cauchy"][key] - 1)) for key in ("median", "low", "high")]
+    assert shown == [9, -2, 17]
 
 
 def test_who_asks_stays_close():

@@ -22,7 +22,9 @@ def test_a_row_for_each_kind_says_how_many_are_lost_and_doubted():
     assert str(table["final, median"][0]) == "1.10"
     assert [str(cell) for cell in table["mean, none likelier"]] == ["1.10", "2.50"]
     assert [str(cell) for cell in table["worst, from the truth"]] == ["1.00", "1.10"]
-    assert [str(cell) for cell in table["Cauchy, mean"]] == ["1.20", "9.00"]
+    assert [str(cell) for cell in table["Cauchy, median"]] == ["1.20", "9.00"]
+    skewed = pd.concat([ROWS[:2], ROWS[:1].assign(cauchy=9.0)])
+    assert str(worlds.table(skewed)["Cauchy, median"][0]) == "1.30"
 
 
 def test_a_circle_for_each_world_and_five_numbers(tmp_path):
