@@ -1,9 +1,9 @@
 """Write a deck of slides for each chapter into build/slides, from its cells and stored outputs.
 
-A prediction, a figure with what it shows (its metadata "alt"), what to look at, a marked table, an
-algorithm (tagged "from-scratch") are a slide each; exercises and solutions are left out. A deck is
-one file that needs MathJax beside it and no network. Arrows turn the pages; printed, a slide is a
-page.
+A prediction, a figure with what it shows (its metadata "alt"), a marked table, an algorithm (tagged
+"from-scratch") are a slide each, and what to look at stands below what was shown last; exercises
+and solutions are left out. A deck is one file that needs MathJax beside it and no network. Arrows
+turn the pages; printed, a slide is a page.
 """
 
 import argparse
@@ -30,12 +30,18 @@ DECK = Template(r"""<!doctype html>
 <meta name="viewport" content="width=device-width">
 <style>
 body { margin: 0; font: 26px/1.35 sans-serif; color: #111; background: #fff }
-section { box-sizing: border-box; min-height: 100vh; padding: 3vh 6vw; display: none }
-section.shown { display: block } h1 { font-size: 1.3em } pre { font: 15px/1.2 monospace }
-img { max-width: 100%; height: 62vh; object-fit: contain } .long { font-size: 21px }
-table { border-collapse: collapse; font-size: 20px } td, th { padding: 0.2em 0.6em }
+section { box-sizing: border-box; height: 100vh; padding: 3vh 6vw; display: none }
+section.shown { display: flex; flex-flow: column }
+h1 { font-size: 1.3em; margin: 0.5em 0 } pre { margin: 0.5em 0 }
+img { flex: 1; min-height: 0; object-fit: contain }
+.long { font-size: 21px } .look { font-size: 20px }
+table { border-collapse: collapse; font-size: 20px; align-self: start }
+td, th { padding: 0.2em 0.6em; text-align: left }
 footer { position: fixed; bottom: 0.3em; right: 1em; font-size: 16px; color: #444 }
-@media print { section { display: block; break-after: page } footer { display: none } }
+@media print {
+  section { display: flex; flex-flow: column; break-after: page }
+  footer { display: none }
+}
 </style>
 <script>window.MathJax = {tex: {inlineMath: [["$$", "$$"]], macros: {MAP: "\\mathrm{MAP}",
 T: "^{\\mathsf T}"}}};</script>
@@ -66,11 +72,25 @@ show();
 
 def slides_of(notebook: nbformat.NotebookNode) -> Iterator[tuple[str, str]]:
     """Heading and content, in HTML, of each slide of a chapter."""
+    before = None  # the heading and the kind of the slide that may still grow, and its content
+    for heading, kind, content in parts_of(notebook):
+        if kind == "look" and before and before[0] == heading and before[1] in ("shown", "printed"):
+            before = (heading, "look", before[2] + content)
+            continue
+        if before and before[1] != "printed":  # nobody is asked to look at it
+            yield before[0], before[2]
+        before = (heading, kind, content)
+    if before:
+        yield before[0], before[2]
+
+
+def parts_of(notebook: nbformat.NotebookNode) -> Iterator[tuple[str, str, str]]:
+    """Heading, kind ("told", "look", "shown" or "printed") and HTML of what a deck takes up."""
     heading, shown = "", True
     for i, cell in enumerate(notebook.cells):
         if cell.cell_type == "code":
             if shown and "solution" not in cell.metadata.get("tags", []):
-                yield from ((heading, content) for content in of_code(cell))
+                yield from ((heading, kind, content) for kind, content in of_code(cell))
             continue
         for part in re.split(r"(?=^#+ )", LINK.sub(r"\1", cell.source), flags=re.M):
             heading = (HEADING.findall(part) or [heading])[0]
@@ -78,23 +98,38 @@ def slides_of(notebook: nbformat.NotebookNode) -> Iterator[tuple[str, str]]:
             told = HEADING.sub("", part)
             if (i == 0 and part) or BACK.match(part):
                 brief = told.split("**Limits")[0].split("**Further")[0]
-                yield heading, f'<div class="long">{markdown2html(brief)}</div>'
+                yield heading, "told", f'<div class="long">{markdown2html(brief)}</div>'
             elif shown:
-                yield from ((heading, markdown2html(text)) for text in SAID.findall(told))
+                for text in SAID.findall(told):
+                    kind = "look" if text.startswith("**Look") else "told"
+                    yield heading, kind, f'<div class="{kind}">{markdown2html(text)}</div>'
 
 
-def of_code(cell: nbformat.NotebookNode) -> Iterator[str]:
-    """The figures and tables of a cell, or its source if it is an algorithm from scratch."""
+def of_code(cell: nbformat.NotebookNode) -> Iterator[tuple[str, str]]:
+    """Kind and HTML of a cell's source, if it is from scratch, and of what it shows and prints."""
     if "from-scratch" in cell.metadata.get("tags", []):
-        yield f"<pre>{html.escape(cell.source)}</pre>"
+        yield "told", verbatim(cell.source)
+    shown = []
     for output in cell.outputs:
         data = output.get("data", {})
         if "image/png" in data:
             alt = html.escape(cell.metadata.get("alt", ""))
             picture = data["image/png"].replace("\n", "")
-            yield f'<img alt="{alt}" src="data:image/png;base64,{picture}">'
+            shown.append(f'<img alt="{alt}" src="data:image/png;base64,{picture}">')
         elif "<table" in data.get("text/html", ""):
-            yield data["text/html"]
+            shown.append(data["text/html"])
+    said = "".join(output.text for output in cell.outputs if output.get("name") == "stdout")
+    kind = "shown" if shown else "printed"
+    if said:
+        shown = [*shown[:-1], "".join([*shown[-1:], verbatim(said.rstrip())])]
+    yield from ((kind, content) for content in shown)
+
+
+def verbatim(text: str) -> str:
+    """Lines as they are, in letters as large as a slide has room for."""
+    lines = text.splitlines()
+    size = f"min(22px, {80 / (1.2 * len(lines)):.2f}vh, {88 / (0.62 * max(map(len, lines))):.2f}vw)"
+    return f'<pre style="font: {size}/1.2 monospace">{html.escape(text)}</pre>'
 
 
 def deck(notebook: nbformat.NotebookNode) -> str:

@@ -18,20 +18,43 @@ NAMES = sorted(path.stem for path in paths.NOTEBOOKS.glob("*.ipynb"))
 
 def test_a_deck_has_what_is_taught_in_its_order_and_no_solution():
     picture = new_output("display_data", {"image/png": "QUJD"})
+    said = new_output("stream", name="stdout", text="share 0.5\n")
     cells = [
         new_markdown_cell("# 1. Title\n\nA question."),
         new_markdown_cell("Prose.\n\n## Part\n\nMore. **Predict.** [Rises](a.md) $p$?\n\nRest."),
-        new_code_cell("draw()", outputs=[picture], metadata={"alt": "A curve."}),
+        new_code_cell("idle()", outputs=[new_output("stream", name="stdout", text="unasked")]),
+        new_code_cell("draw()", outputs=[picture, said], metadata={"alt": "A curve."}),
         new_markdown_cell("**Look** at it.\n\n## Exercises\n\n**Predict** again."),
         new_code_cell("solve()", outputs=[picture], metadata={"tags": ["solution"]}),
         new_markdown_cell("Folded.\n\n## You can now\n\n* see.\n\n**Limits.** One."),
     ]
     found = list(slides.slides_of(new_notebook(cells=cells)))
-    assert [heading for heading, _ in found] == ["1. Title", "Part", "Part", "Part", "You can now"]
+    assert [heading for heading, _ in found] == ["1. Title", "Part", "Part", "You can now"]
     text = "".join(content for _, content in found)
     assert "Rises $p$?" in text
-    assert 'alt="A curve."' in text
-    assert not re.search("Rest|again|Folded|Limits|solve", text)
+    assert re.search(r'alt="A curve\.".*share 0\.5.*<strong>Look', found[2][1], re.S)
+    assert not re.search("Rest|again|Folded|Limits|solve|unasked", text)
+
+
+def test_a_second_look_and_what_another_section_shows_are_slides_of_their_own():
+    picture = new_output("display_data", {"image/png": "QUJD"})
+    cells = [
+        new_markdown_cell("# 1. Title"),
+        new_code_cell("draw()", outputs=[picture, picture], metadata={"alt": "A curve."}),
+        new_markdown_cell("**Look** once.\n\n**Look** twice."),
+        new_code_cell("say()", outputs=[new_output("stream", name="stdout", text="asked")]),
+        new_markdown_cell("**Look** at it."),
+        new_code_cell("draw()", outputs=[picture], metadata={"alt": "A curve."}),
+        new_markdown_cell("## Part\n\n**Look** elsewhere."),
+    ]
+    found = [content for _, content in slides.slides_of(new_notebook(cells=cells))]
+    has = [("<img" in text, "asked" in text, text.count("<strong>Look")) for text in found]
+    assert has[1:] == [(1, 0, 0), (1, 0, 1), (0, 0, 1), (0, 1, 1), (1, 0, 0), (0, 0, 1)]
+
+
+def test_an_algorithm_is_as_large_as_a_slide_has_room_for():
+    """Twenty lines of a hundred characters: 80 / 24 of the height, 88 / 62 of the width."""
+    assert "min(22px, 3.33vh, 1.42vw)" in slides.verbatim("\n".join(["x" * 100] * 20))
 
 
 @pytest.mark.parametrize("name", NAMES)
