@@ -143,10 +143,10 @@ def rows(kind: str, preset: str, p: float, seed: int) -> list[dict]:
     log, truth = world.log(conventions.x0_sigmas), world.poses[:, :2]
     told, unmissed = (sound, world) if kind in MISLED else (world, sound)
     informed = partial(informed_em, log, slipped(world, unmissed), conventions)
-    likelier = [truth[0]]
+    likelier = [np.full(2, np.nan)]
 
     def watch(belief: Belief) -> None:
-        likelier.append(newest_of_the_likelier(belief, world, informed, conventions))
+        likelier.append(newest_if_likelier(belief, world, informed, conventions))
 
     rng = np.random.default_rng([seed, STREAM, 1])
     found = run_unwarned(log, conventions, estimator.Settings(), watch, rng=rng)
@@ -159,7 +159,8 @@ def rows(kind: str, preset: str, p: float, seed: int) -> list[dict]:
         "at_truth": at_truth.found.poses,
         "at_mode": informed((found.poses, found.landmarks)).found.poses,
     }
-    driven = {"filtered": found.filtered[:, :2], "filtered_likelier": np.array(likelier)}
+    held = found.filtered[:, :2]
+    driven = {"filtered": held, "filtered_likelier": np.where(np.isnan(likelier), held, likelier)}
     consistency = partial(estimators.expected_nees, world, conventions)
     row = {
         "kind": kind, "preset": preset, "p": p, "seed": seed,
@@ -254,10 +255,10 @@ def informed_em(
     return rivals.rival(part, told, rivals.by_em(part, conventions, start, 1.0))
 
 
-def newest_of_the_likelier(
+def newest_if_likelier(
     belief: Belief, world: World, informed: Callable, conventions: Conventions
 ) -> np.ndarray:
-    """(2,) newest position as held, or by EM from the truth where that is likelier by a nat, [m].
+    """(2,) newest position by EM from the truth if that is likelier by a nat, else NaN, [m].
 
     What an estimator of the same model would have said on its way that overlooks nothing.
 
@@ -269,7 +270,7 @@ def newest_of_the_likelier(
     ours = rivals.by_em(log, conventions, (poses, belief.landmarks), 1.0)
     best = informed((world.poses[: belief.n_poses], world.landmarks))
     likelier = best.cost < rivals.rival(log, told, ours).cost - estimator.BETTER
-    return (best.found.poses if likelier else belief.poses)[-1, :2]
+    return best.found.poses[-1, :2] if likelier else np.full(2, np.nan)
 
 
 def oracle(

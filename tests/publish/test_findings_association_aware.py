@@ -43,7 +43,7 @@ ASKED = (
 )
 ASKED |= {
     f"worlds.{key}" for key in ("n", "lost", "lost_doubted", "others_doubted", "lost_by_search",
-                                "overconfident", "overconfident_doubted")
+                                "overconfident", "straight.likelier_sides", "straight.gain")
 }  # fmt: skip
 
 
@@ -169,20 +169,26 @@ def test_in_worlds_of_other_kinds_the_middle_one_is_at_the_oracle_but_where_some
     for (kind, preset, p), group in rows.groupby(["kind", "preset", "p"]):
         if kind in every_world.MISLED:
             continue
-        assert interval(group["final"]).low < 1.05, (kind, preset, p)
-        assert group["final"].median() < (1.08 if kind == "odometry 2" else 1.07), (kind, preset, p)
+        assert interval(group["final"])["low"] < 1.05, (kind, preset, p)
+        most = 1.09 if kind in ("odometry 2", "clutter replaced 20 %") else 1.05
+        assert group["final"].median() < most, (kind, preset, p)
     medians = rows.groupby("kind")["final"].median()
     assert medians[list(every_world.MISLED)].min() > 2
 
 
-def test_on_a_straight_road_the_mean_over_sides_is_nearer_than_the_likeliest():
+def test_on_a_straight_road_odds_do_not_tell_sides_and_the_mean_over_them_is_nearer():
     """A number for each world: both levels of p are looks at the same ones."""
     rows = studies.committed("every_world")
     roads = rows[rows["kind"] == "straight"]
+    assert (roads["sides"] == 63).all()
+    likelier = roads.groupby("seed")["sides_likelier"].mean()
+    assert 0.4 <= likelier.mean() < 0.5
+    assert abs(likelier.mean() - 0.5) < 3 * likelier.sem()
     change = np.log(roads["final"] / roads["at_mode"]).groupby(roads["seed"]).mean()
     less, more, p_value = summaries.sign_test(change)
-    assert (less, more) == (21, 9)
+    assert (less, more) == (23, 7)
     assert p_value < 0.05
+    assert (roads["known"] == 0).all()
 
 
 def test_one_in_fourteen_is_lost_most_of_them_misled_and_nearly_all_of_those_doubt_themselves():
@@ -196,23 +202,21 @@ def test_one_in_fourteen_is_lost_most_of_them_misled_and_nearly_all_of_those_dou
     assert missed == 0
     rows = studies.committed("every_world")
     rest = rows[(rows["final"] > every_world.LOST) & ~rows["kind"].isin(every_world.MISLED)]
-    assert len(rest) < 0.5 * lost
+    misled = lost - len(rest)
+    assert 0.6 < misled / lost < 0.7
     assert not (rows[rows["final"] > every_world.LOST]["behind"] > 1).any()
-    assert found - rest["doubtful"].sum() > 0.9 * (lost - len(rest))
-    assert not rest["doubtful"].any()
-    assert 0.7 < (rest["at_truth"] > every_world.LOST).mean() < 0.8
+    assert 0.87 < (found - rest["doubtful"].sum()) / misled < 0.93
+    assert 0.18 < rest["doubtful"].mean() < 0.22
+    assert 0.8 < (rest["at_truth"] > every_world.LOST).mean() < 0.86
     assert rows[rows["kind"] == "ranges 10 % long"]["doubtful"].all()
-    assert (rest["preset"] == "B").mean() >= 0.5
+    assert (rest["preset"] == "B").mean() >= 0.45
     assert rows[rows["preset"] == "B"]["oracle_nees"].mean() > 4
 
 
-def test_few_err_by_far_more_than_they_say_and_doubt_it_unless_the_oracle_does_too():
-    over, doubted = value("worlds.overconfident"), value("worlds.overconfident_doubted")
-    assert over < 0.05 * value("worlds.n")
-    assert doubted > 0.8 * over
+def test_few_err_by_far_more_than_they_say_and_all_of_those_doubt_it():
     rows = studies.committed("every_world")
-    silent = rows[(rows["nees"] > OVERCONFIDENT) & (rows["doubtful"] == 0)]
-    assert (silent["oracle_nees"] > OVERCONFIDENT).all()
+    assert 0 < value("worlds.overconfident") < 0.05 * value("worlds.n")
+    assert rows[rows["nees"] > OVERCONFIDENT]["doubtful"].all()
     others = rows[(rows["final"] > every_world.LOST) & (rows["doubtful"] == 0)]
     assert (others["nees"] < 2.4).mean() > 0.8  # the asked interval's end
 

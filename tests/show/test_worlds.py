@@ -34,11 +34,14 @@ def test_a_circle_for_each_world_and_five_numbers(tmp_path):
     circles = [line for line in ax.lines if line.get_marker() == "o"]
     assert sum(len(line.get_xdata()) for line in circles) == len(ROWS)
     to = report.Report("08_association_aware", tmp_path)
-    worlds.record(ROWS, to)
+    sides = {"kind": ["circle", "straight", "straight"], "sides_likelier": [0.9, 0.4, 0.5],
+             "sides_gain": [9.0, 2.0, -1.0]}  # fmt: skip
+    worlds.record(ROWS.assign(**sides), to)
     found = {key: entry["value"] for key, entry in handed_on(to).items()}
     assert found == {
         "worlds.n": 3, "worlds.lost": 1, "worlds.lost_doubted": 1, "worlds.others_doubted": 1,
-        "worlds.lost_by_search": 1, "worlds.overconfident": 1, "worlds.overconfident_doubted": 1,
+        "worlds.lost_by_search": 1, "worlds.overconfident": 1, "worlds.straight.likelier_sides": 0.45,
+        "worlds.straight.gain": 2.0,
     }  # fmt: skip
 
 
