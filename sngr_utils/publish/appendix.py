@@ -1,6 +1,7 @@
 """The artifact appendix: for each claim the command, the expected value, its tolerance, minutes."""
 
 from itertools import groupby
+from operator import attrgetter
 
 from sngr_utils.publish import claims, latex, report, rules, verified
 from sngr_utils.publish.cells import NONE, text
@@ -23,8 +24,8 @@ def latex_text(rows: list[Row], results: dict[str, dict], clocks: set[str]) -> s
     """
     entries = {entry.id: entry for entry in [*claims.read().numbers, *claims.read().prose]}
     told = [row for row in rows if row.verdict not in (rules.FOLLOWS, rules.CANNOT)]
-    minutes, parts = verified.minutes(), []
-    for notebook, group in groupby(sorted(told, key=lambda row: row.notebook), _notebook):
+    minutes, parts, by_notebook = verified.minutes(), [], attrgetter("notebook")
+    for notebook, group in groupby(sorted(told, key=by_notebook), by_notebook):
         took = f"about {minutes[notebook]:.0f} minutes" if notebook in minutes else "not timed"
         name = notebook.translate(latex.LATEX_CELL)
         parts.append(f"\\paragraph{{{name}}}\\texttt{{make run/{name}}}, {took}.\\par\n")
@@ -42,10 +43,6 @@ with its tolerance. Left out is what follows from other claims, or cannot hold. 
 claim is in the table of all claims.
 
 """
-
-
-def _notebook(row: Row) -> str:
-    return row.notebook
 
 
 def _line(row: Row, entry: Entry, results: dict[str, dict], clocks: set[str]) -> list[str]:

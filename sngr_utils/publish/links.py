@@ -10,9 +10,7 @@ from sngr_utils.publish.parameters import read_yaml
 from sngr_utils.publish.trace import handed_on
 
 DOCUMENTS = ("paper/sngr.tex", "paper/supplement.tex")  # what shows the results
-ADDRESS = (
-    "repository-code"  # of CITATION.cff: the one place that knows it, absent until there is one
-)
+ADDRESS = "repository-code"  # of CITATION.cff, the one place that knows it: absent until there is
 
 
 def repository() -> str:

@@ -70,9 +70,7 @@ def result(verdicts: Verdicts) -> dict:
     values["claims.printed"] = _count(len(printed.leaves()))
     for name, line in verdicts.controls[reading].iterrows():
         values[f"claims.controls.{name}.rows"] = _count(line["rows"])
-        values[f"claims.controls.{name}.pass"] = _count(
-            line["pass"], ".1f" if line["pass"] % 1 else ".0f"
-        )
+        values[f"claims.controls.{name}.pass"] = _count(line["pass"], _fmt(line["pass"]))
     tables = {
         "claims_headline": _table(headline(verdicts.rows), "p{55mm}p{22mm}p{24mm}lll"),
         "claims_summary": _table(summary(verdicts.rows)),
@@ -99,6 +97,11 @@ def _of_authors() -> dict[str, dict]:
     return values
 
 
+def _fmt(mean: float) -> str:
+    """The format of a mean of counts."""
+    return ".1f" if mean % 1 else ".0f"
+
+
 def _count(n: float, fmt: str = ".0f") -> dict:
     return {"value": float(n), "format": fmt, "unit": "", "n": 1}
 
@@ -110,29 +113,28 @@ def _table(frame: pd.DataFrame, align: str | None = None) -> dict:
 
 def summary(by_preset: dict[str, list[Row]]) -> pd.DataFrame:
     """Number of rows by verdict: numbers and prose, under the reading and under the others."""
-    reading, rows = claims.read().reading, []
+    rows = []
     for kind, name in KINDS.items():
-        for preset in sorted(by_preset, key=lambda each: each != reading):
+        for preset, shown in _presets(" (our reading)").items():
             found = judge.counts(by_preset[preset], kind)
-            shown = f"{name}, preset {preset}" + (" (our reading)" if preset == reading else "")
-            rows.append([shown, *map(str, found.values()), str(sum(found.values()))])
+            rows.append([f"{name}, {shown}", *map(str, found.values()), str(sum(found.values()))])
     return pd.DataFrame(rows, columns=["claims", *rules.VERDICTS, "all"])
+
+
+def _presets(ours: str) -> dict[str, str]:
+    """Preset -> how a table names it, our reading first; `ours` follows that one's name."""
+    reading = claims.read().reading
+    others = [preset for preset in PRESET_NAMES if preset != reading]
+    return {reading: f"preset {reading}{ours}"} | {each: f"preset {each}" for each in others}
 
 
 def control_table(by_preset: dict[str, pd.DataFrame]) -> pd.DataFrame:
     """Whose numbers pass how many of the testable rows, under each preset."""
-    reading = claims.read().reading
-    order = sorted(by_preset, key=lambda each: each != reading)
     lines = []
     for name, shown in CONTROLS.items():
-        cells_ = []
-        for preset in order:
-            rows, passed = by_preset[preset].loc[name]
-            cells_.append(f"{cells.text(passed, '.1f' if passed % 1 else '.0f')} of {rows:.0f}")
-        lines.append([shown, *cells_])
-    heads = [
-        f"preset {preset}" + (" (our reading)" if preset == reading else "") for preset in order
-    ]
+        found = [by_preset[preset].loc[name] for preset in _presets("")]
+        lines.append([shown, *(f"{passed:{_fmt(passed)}} of {rows:.0f}" for rows, passed in found)])
+    heads = _presets(" (our reading)").values()
     return pd.DataFrame(lines, columns=["rows that pass", *heads])
 
 
@@ -148,7 +150,7 @@ def _share(share: float | None) -> str:
     """A share of a natural range in percent."""
     if share is None:
         return cells.NONE
-    return "< 1 %" if share < 0.01 else f"{share:.0%}".replace("%", " %")
+    return "< 1 %" if share < 0.01 else f"{100 * share:.0f} %"
 
 
 def headline(by_preset: dict[str, list[Row]]) -> pd.DataFrame:
@@ -175,8 +177,7 @@ def _power(row: Row) -> str:
     if row.kind == "number":
         if row.share is None:
             return cells.NONE
-        refused = "> 99 %" if row.share < 0.01 else f"{1 - row.share:.0%}".replace("%", " %")
-        return f"refuses {refused}"
+        return f"refuses {'> 99' if row.share < 0.01 else f'{100 * (1 - row.share):.0f}'} %"
     entry = {each.id: each for each in claims.read().prose}[row.entry]
     if entry.rule != "share":
         return "a sign test" if entry.rule == "rises" else cells.NONE
@@ -235,8 +236,7 @@ def whole(rows: list[Row]) -> str:
 
 def readme_block(verdicts: Verdicts) -> str:
     """The counts under each preset as a small table in Markdown, between their markers."""
-    reading = claims.read().reading
-    order = sorted(verdicts.rows, key=lambda each: each != reading)
+    order = _presets(", our reading")
     numbers = {name: list(line[1:]) for name, line in zip(
         CONTROLS, control_table(verdicts.controls).itertuples(index=False), strict=True
     )}  # fmt: skip
@@ -245,10 +245,7 @@ def readme_block(verdicts: Verdicts) -> str:
              for found in prose_]  # fmt: skip
     lines = [[shown, *(holds if name == "holds" else numbers[name])]
              for name, shown in README_ROWS.items()]  # fmt: skip
-    heads = ["what passes the test"] + [
-        f"preset {preset}" + (", our reading" if preset == reading else "") for preset in order
-    ]
-    table = _markdown(pd.DataFrame(lines, columns=heads))
+    table = _markdown(pd.DataFrame(lines, columns=["what passes the test", *order.values()]))
     return "\n".join([BEGIN, *table, "", authors_worlds.sentence(), END])
 
 

@@ -65,9 +65,8 @@ def _of_verdicts(name: str) -> list[Line]:
     if not name.startswith(("claims.", "claims_")):
         return []
     asked = rf"(\\res\{{|\\tab\{{|generated/(tab_)?){re.escape(name)}\}}"
-    counted = (
-        "counted from the verdicts on paper/claims.yaml (sngr_utils/publish/verdict_tables.py)"
-    )
+    code = "sngr_utils/publish/verdict_tables.py"
+    counted = f"counted from the verdicts on paper/claims.yaml ({code})"
     return [("kind", counted), *_places(asked, name)]
 
 
@@ -88,10 +87,8 @@ def _number(entry: dict) -> Iterator[Line]:
     size = f"; sample size {entry['n']}" if "n" in entry else ""
     yield "value", f"{shown_value(entry)}, in full {entry['value']!r}{size}"
     error = entry.get("standard_error")
-    yield (
-        "error",
-        "none: not a mean over worlds" if error is None else f"standard error {error:.3g}",
-    )
+    known = "none: not a mean over worlds" if error is None else f"standard error {error:.3g}"
+    yield "error", known
     told = entry.get("tolerance", {"kind": "exact", "size": 0})
     unit = entry["unit"] or "in its unit"
     sizes = {"exact": "exactly the same", "absolute": f"within {told['size']:g} {unit}"}
@@ -125,12 +122,9 @@ def _place(cell: Cell) -> str:
 def _made(notebook: str) -> Iterator[Line]:
     """Parameters, seeds, fingerprints, and when the notebook was last verified."""
     params = read_params(notebook)
-    told = {key: json.dumps(value) for key, value in params.items()}
-    yield (
-        "parameters",
-        f"params/{notebook}.yaml: " + ", ".join(f"{k} = {v}" for k, v in told.items()),
-    )
-    seeds = [f"{key} = {value}" for key, value in told.items() if "seed" in key]
+    told = [f"{key} = {json.dumps(value)}" for key, value in params.items()]
+    yield "parameters", f"params/{notebook}.yaml: {', '.join(told)}"
+    seeds = [each for key, each in zip(params, told, strict=True) if "seed" in key]
     yield "seeds", ", ".join(seeds) or "none"
     hashes, stem = inputs(notebook, params), notebook.split("_", 1)[1]
     marks = ", ".join(f"{part} {hashes[part]}" for part in ("package", "notebook", "lock"))
