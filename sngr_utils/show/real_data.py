@@ -1,22 +1,17 @@
 """The tables and figures of notebook 10."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
+from sngr_utils.experiments.real_stretch import Stretch
 from sngr_utils.metrics.alignment import rigid
 from sngr_utils.publish import cells
 from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
 from sngr_utils.show.methods import METHODS, Method, shown
-
-if TYPE_CHECKING:
-    from sngr_utils.real_data import Stretch
 
 SETS = ("Plaza1", "Plaza2")
 GROWN = Method("ours, batch", style.SAMPLES, "-", "o", 1.6)
@@ -121,15 +116,15 @@ def _metres(ax: Axes) -> None:
 # --- tables ---------------------------------------------------------------------------------
 
 
-def level_table(rows: pd.DataFrame, column: str = "rmse", fmt: str = ".2f") -> pd.DataFrame:
-    """Median over seeds of a column, a row for each method and a column for each set and p."""
-    found = []
-    for method, mine in rows.groupby("method", sort=False):
-        cols = [mine[(mine["set"] == s) & (mine["p"] == p)][column] for s, p in _heads(rows)]
-        values = [float(c.median()) if len(c) else None for c in cols]
-        found.append([name_of(method), *(cells.number(value, fmt) for value in values)])
-    heads = [f"{name}, p = {p:g}" for name, p in _heads(rows)]
-    return pd.DataFrame(found, columns=["method", *heads])
+def level_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Median RMSE over seeds, a row for each method and a column for each set and p."""
+    heads = [(name, p) for name in SETS for p in sorted(rows["p"].unique())]
+    medians = rows.groupby(["method", "set", "p"])["rmse"].median()
+    return pd.DataFrame([
+        {"method": name_of(method)}
+        | {f"{name}, p = {p:g}": cells.number(medians.get((method, name, p))) for name, p in heads}
+        for method in dict.fromkeys(rows["method"])
+    ])
 
 
 def peers_table(rows: pd.DataFrame) -> pd.DataFrame:
@@ -137,10 +132,6 @@ def peers_table(rows: pd.DataFrame) -> pd.DataFrame:
     table = level_table(rows)
     spent = rows.groupby("method", sort=False)["pose_ms"].median()
     return table.assign(**{"a pose [ms]": [cells.number(value, ".1f") for value in spent]})
-
-
-def _heads(rows: pd.DataFrame) -> list[tuple[str, float]]:
-    return [(name, p) for name in SETS for p in sorted(rows["p"].unique())]
 
 
 def measures_table(batch: pd.DataFrame, online: pd.DataFrame) -> pd.DataFrame:
@@ -158,27 +149,33 @@ def measures_table(batch: pd.DataFrame, online: pd.DataFrame) -> pd.DataFrame:
     }  # fmt: skip
     rows = pd.concat([batch, online.rename(columns={"final": "rmse", "right": "precision"})])
     rows = rows.assign(over_oracle=rows["rmse"] / rows["oracle"])
-    found = [
-        [name_of(method), name, cells.number(p, ".1f"), len(mine), *(
-            cells.number(float(mine[key].median()), fmt) for key, (fmt, _) in columns.items()
-        )]
+    return pd.DataFrame([
+        {
+            "method": name_of(method), "set": name, "p": cells.number(p, ".1f"),
+            "seeds": len(mine), **_medians(mine, columns),
+        }
         for (method, name, p), mine in rows.groupby(["method", "set", "p"])
-    ]  # fmt: skip
-    heads = ["method", "set", "p", "seeds", *(head for _, head in columns.values())]
-    return pd.DataFrame(found, columns=heads)
+    ])  # fmt: skip
+
+
+def _medians(rows: pd.DataFrame, columns: Mapping[str, tuple[str, str]]) -> dict[str, cells.Cell]:
+    """Heading -> median; `columns` has format and heading of each column."""
+    return {
+        head: cells.number(float(rows[key].median()), fmt) for key, (fmt, head) in columns.items()
+    }
 
 
 def scale_table(found: Sequence[Mapping], true: Mapping[str, float]) -> pd.DataFrame:
     """Range scale found without the truth, beside what ranges and GPS give together."""
-    rows = [
-        [f["set"], cells.with_error(f["scale"], f["scale_sigma"], ".4f"),
-         cells.number(true[f["set"]], ".4f"),
-         cells.number((f["scale"] - true[f["set"]]) / f["scale_sigma"], "+.1f"),
-         cells.number(f["range_sigma"], ".2f")]
+    return pd.DataFrame([
+        {
+            "set": f["set"], "scale found": cells.with_error(f["scale"], f["scale_sigma"], ".4f"),
+            "by GPS": cells.number(true[f["set"]], ".4f"),
+            "apart [σ]": cells.number((f["scale"] - true[f["set"]]) / f["scale_sigma"], "+.1f"),
+            "σ of a range found [m]": cells.number(f["range_sigma"]),
+        }
         for f in found
-    ]  # fmt: skip
-    heads = ["set", "scale found", "by GPS", "apart [σ]", "σ of a range found [m]"]
-    return pd.DataFrame(rows, columns=heads)
+    ])  # fmt: skip
 
 
 def provoked_table(batch: pd.DataFrame, online: pd.DataFrame) -> pd.DataFrame:
@@ -211,43 +208,43 @@ def online_table(rows: pd.DataFrame) -> pd.DataFrame:
         "filtered_oracle": (".3f", "the oracle's [m]"), "step_ms": (".1f", "step [ms]"),
         "step_ms_95": (".0f", "95 % [ms]"), "step_ms_gain": ("+.1f", "gain [ms]"),
     }  # fmt: skip
-    found = [
-        [name, len(mine),
-         *(cells.number(float(mine[key].median()), fmt) for key, (fmt, _) in columns.items()),
-         f"{int(mine['doubtful'].sum())} of {len(mine)}"]
+    return pd.DataFrame([
+        {
+            "set": name, "seeds": len(mine), **_medians(mine, columns),
+            "doubtful": f"{int(mine['doubtful'].sum())} of {len(mine)}",
+        }
         for name, mine in rows.groupby("set")
-    ]  # fmt: skip
-    heads = [head for _, head in columns.values()]
-    return pd.DataFrame(found, columns=["set", "seeds", *heads, "doubtful"])
+    ])  # fmt: skip
 
 
 def asked_table(rows: pd.DataFrame) -> pd.DataFrame:
     """Who was asked how often on a whole drive, and what the path is worth."""
-    columns = {
-        "mirror_waits": "delays by mirror test", "landmark_questions": "many starts",
-        "landmark_samples": "nested sampling",
-    }  # fmt: skip
-    found = [
-        [name_of(method), cells.number(p, ".1f"), name,
-         *(int(mine[key].iloc[0]) for key in columns),
-         cells.number(float(mine["final"].iloc[0]), ".3f")]
-        for (method, p, name), mine in rows.groupby(["method", "p", "set"], sort=False)
-    ]  # fmt: skip
-    return pd.DataFrame(found, columns=["variant", "p", "set", *columns.values(), "final [m]"])
+    firsts = rows.groupby(["method", "p", "set"], sort=False, as_index=False).first()
+    return pd.DataFrame([
+        {
+            "variant": name_of(one["method"]), "p": cells.number(one["p"], ".1f"),
+            "set": one["set"], "delays by mirror test": int(one["mirror_waits"]),
+            "many starts": int(one["landmark_questions"]),
+            "nested sampling": int(one["landmark_samples"]),
+            "final [m]": cells.number(one["final"], ".3f"),
+        }
+        for _, one in firsts.iterrows()
+    ])  # fmt: skip
 
 
 def goats_table(rows: pd.DataFrame) -> pd.DataFrame:
     """Ranges held out, which nothing has seen; and beacons, with what their covariances say."""
-    found = [
-        [row["set"], int(row["held_out"]),
-         cells.with_error(row["median"], row["median_error"]),
-         cells.number(row["median_huber"]), cells.number(row["ninth_decile"], ".1f"),
-         cells.with_interval(row["beacons_rmse"], *_widest(row), ".1f")]
+    return pd.DataFrame([
+        {
+            "dive": row["set"], "held out": int(row["held_out"]),
+            "median [m]": cells.with_error(row["median"], row["median_error"]),
+            "with Huber's loss [m]": cells.number(row["median_huber"]),
+            "nine tenths [m]": cells.number(row["ninth_decile"], ".1f"),
+            "beacons from survey [σ] [m]":
+                cells.with_interval(row["beacons_rmse"], *_widest(row), ".1f"),
+        }
         for _, row in rows.iterrows()
-    ]  # fmt: skip
-    heads = ["dive", "held out", "median [m]", "with Huber's loss [m]", "nine tenths [m]",
-             "beacons from survey [σ] [m]"]  # fmt: skip
-    return pd.DataFrame(found, columns=heads)
+    ])  # fmt: skip
 
 
 def _widest(row: Mapping) -> tuple[float, float]:
@@ -278,12 +275,8 @@ def stretch_table(stretch: Stretch, rmse: Mapping[str, float]) -> pd.DataFrame:
 def time_table(seconds: np.ndarray) -> pd.DataFrame:
     """CPU time of a step, in thirds of the stretch, [ms]."""
     thirds = np.array_split(1e3 * seconds, 3)
-    rows = [
-        [
-            name,
-            cells.number(float(np.median(third)), ".1f"),
-            cells.number(float(third.max()), ".0f"),
-        ]
-        for name, third in zip(("first", "second", "last"), thirds, strict=True)
-    ]
-    return pd.DataFrame(rows, columns=["third", "median [ms]", "longest [ms]"])
+    return pd.DataFrame({
+        "third": ["first", "second", "last"],
+        "median [ms]": [cells.number(float(np.median(third)), ".1f") for third in thirds],
+        "longest [ms]": [cells.number(float(third.max()), ".0f") for third in thirds],
+    })

@@ -30,23 +30,22 @@ def table(rows: pd.DataFrame) -> pd.DataFrame:
     for name, group in cases(rows).items():
         final, filtered = group["final"], group["filtered"]
         lost, doubted = final > LOST, group["doubtful"] > 0
-        lines.append([
-            name, number(final.median()), number(final.mean()), number(final.max()),
-            number(group["at_truth"].max()), number(filtered.median()), number(filtered.mean()),
-            number(group["filtered_likelier"].mean()),
-            number(group["known"].mean()), number(group["landmark_ratio"].median()),
-            number(group["nees"].mean()), number(group["oracle_nees"].mean()),
-            cell("{:d} of {:d}", lost.sum(), len(group)),
-            cell("{:d}, {:d}", (lost & doubted).sum(), (~lost & doubted).sum()),
-            *(number(group[peer].median()) for peer in PEERS),
-        ])  # fmt: skip
-    heads = [
-        "worlds", "final, median", "mean", "worst", "worst, from the truth",
-        "newest pose, median", "mean ", "mean, none likelier", "known",
-        "landmarks, median", "NEES", "NEES oracle", "lost", "doubted: lost, others",
-        *(f"{methods.shown(peer)}, median" for peer in PEERS),
-    ]  # fmt: skip
-    return pd.DataFrame(lines, columns=heads)
+        lines.append({
+            "worlds": name, "final, median": number(final.median()),
+            "mean": number(final.mean()), "worst": number(final.max()),
+            "worst, from the truth": number(group["at_truth"].max()),
+            "newest pose, median": number(filtered.median()), "mean ": number(filtered.mean()),
+            "mean, none likelier": number(group["filtered_likelier"].mean()),
+            "known": number(group["known"].mean()),
+            "landmarks, median": number(group["landmark_ratio"].median()),
+            "NEES": number(group["nees"].mean()),
+            "NEES oracle": number(group["oracle_nees"].mean()),
+            "lost": cell("{:d} of {:d}", lost.sum(), len(group)),
+            "doubted: lost, others":
+                cell("{:d}, {:d}", (lost & doubted).sum(), (~lost & doubted).sum()),
+            **{f"{methods.shown(peer)}, median": number(group[peer].median()) for peer in PEERS},
+        })  # fmt: skip
+    return pd.DataFrame(lines)
 
 
 def sensitivity_table(rows: pd.DataFrame) -> pd.DataFrame:
