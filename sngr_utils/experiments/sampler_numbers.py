@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from sngr_utils.experiments.window_posteriors import PRIOR_SCALE, Settled, window_factors
+from sngr_utils.experiments import window_posteriors
+from sngr_utils.experiments.window_posteriors import PRIOR_SCALE, Settled, spread_ratio
 from sngr_utils.metrics import bimodality, effective_sample_size
 from sngr_utils.sampling import engines
 from sngr_utils.sampling.settings import SamplerSettings
@@ -51,7 +52,7 @@ def ess_shares(
     """
     rows = []
     for t in which:
-        own = window_factors(base.solution, t, settings.likelihood_factor)
+        own = window_posteriors.window_factors(base.solution, t, settings.likelihood_factor)
         keys = windows.window_keys(t)
         conditional = closure.conditional_covariance(
             base.solution.graph, base.solution.estimate, keys
@@ -90,11 +91,10 @@ def evidence_check(
         run = engines.sample_factors(factors, one.target.covariance, settings, "nested", rng=rng)
         error = np.hypot(run.log_evidence_error, one.run.log_evidence_error)
         difference = run.log_evidence - one.run.log_evidence
-        ratios = np.log(np.diag(run.covariance) / np.diag(one.run.covariance))
         rows.append({
             "window": one.window, "dimension": len(one.cholesky), "difference": difference,
             "error": error, "in_errors": difference / error,
-            "sd_ratio": float(np.exp(0.5 * ratios.mean())),
+            "sd_ratio": spread_ratio(run.covariance, one.run.covariance),
         })  # fmt: skip
     return pd.DataFrame(rows)
 
@@ -152,24 +152,22 @@ def bimodality_readings(y: np.ndarray, weights: np.ndarray) -> dict[str, float]:
     y : (N,) samples, [m]
     weights : (N,) posterior weights
     """
-    equal, n = np.ones(len(y)), len(y)
+    coefficient, equal, n = bimodality.bimodality_coefficient, np.ones(len(y)), len(y)
+    unbiased = stats.skew(y, bias=False), stats.kurtosis(y, bias=False)
+    skewness, kurtosis = _moments(y, weights)
+    plain_skewness, plain_kurtosis = _moments(y, equal)
     effective = effective_sample_size.effective_sample_size(weights)
-    skewness, kurtosis = stats.skew(y, bias=False), stats.kurtosis(y, bias=False)
-    small = 3 * (n - 1) ** 2 / ((n - 2) * (n - 3))
     heavy = weights > 1e-3 * weights.max()
-    plain = bimodality.bimodality_coefficient(y, weights)
-    m = effective
     return {
-        "weighted": plain,
-        "unweighted": bimodality.bimodality_coefficient(y, equal),
-        "unweighted, SAS small-sample": float((skewness**2 + 1) / (kurtosis + small)),
-        "weighted, small-sample with the effective n": _small_sample(y, weights, m),
-        "unweighted, weights above a thousandth": bimodality.bimodality_coefficient(
-            y[heavy], equal[heavy]
-        ),
-        "unweighted, excess kurtosis not put back": _excess(y, equal),
-        "weighted, 1/kurtosis only": _inverse_kurtosis(y, weights),
-    }
+        "weighted": coefficient(y, weights),
+        "unweighted": coefficient(y, equal),
+        "unweighted, SAS small-sample": _small_sample(*unbiased, n),
+        "weighted, small-sample with the effective n":
+            _small_sample(skewness, kurtosis - 3, effective),
+        "unweighted, weights above a thousandth": coefficient(y[heavy], equal[heavy]),
+        "unweighted, excess kurtosis not put back": (plain_skewness**2 + 1) / (plain_kurtosis - 3),
+        "weighted, 1/kurtosis only": 1 / kurtosis,
+    }  # fmt: skip
 
 
 def _moments(y: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
@@ -180,16 +178,6 @@ def _moments(y: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
     return float(weights @ centred**3 / second**1.5), float(weights @ centred**4 / second**2)
 
 
-def _small_sample(y: np.ndarray, weights: np.ndarray, n: float) -> float:
+def _small_sample(skewness: float, excess: float, n: float) -> float:
     """SAS's form, (g^2 + 1) / (k + 3 (n-1)^2 / ((n-2)(n-3))), k the excess kurtosis."""
-    skewness, kurtosis = _moments(y, weights)
-    return (skewness**2 + 1) / (kurtosis - 3 + 3 * (n - 1) ** 2 / ((n - 2) * (n - 3)))
-
-
-def _excess(y: np.ndarray, weights: np.ndarray) -> float:
-    skewness, kurtosis = _moments(y, weights)
-    return (skewness**2 + 1) / (kurtosis - 3)
-
-
-def _inverse_kurtosis(y: np.ndarray, weights: np.ndarray) -> float:
-    return 1 / _moments(y, weights)[1]
+    return float((skewness**2 + 1) / (excess + 3 * (n - 1) ** 2 / ((n - 2) * (n - 3))))

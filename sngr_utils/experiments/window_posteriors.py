@@ -31,7 +31,7 @@ READINGS = {
 }
 
 
-def _log_ratio(covariance: np.ndarray, reference: np.ndarray) -> float:
+def spread_ratio(covariance: np.ndarray, reference: np.ndarray) -> float:
     """Geometric mean over the coordinates of the ratio of standard deviations."""
     return float(np.exp(0.5 * np.mean(np.log(np.diag(covariance) / np.diag(reference)))))
 
@@ -75,10 +75,10 @@ def widths(
             rows.append({
                 "window": int(t),
                 "reading": name,
-                "over_conditional": _log_ratio(run.covariance, conditional),
-                "over_marginal": _log_ratio(run.covariance, marginal),
-                "predicted_conditional": _log_ratio(predicted, conditional),
-                "predicted_marginal": _log_ratio(predicted, marginal),
+                "over_conditional": spread_ratio(run.covariance, conditional),
+                "over_marginal": spread_ratio(run.covariance, marginal),
+                "predicted_conditional": spread_ratio(predicted, conditional),
+                "predicted_marginal": spread_ratio(predicted, marginal),
             })
     return pd.DataFrame(rows)
 
@@ -99,7 +99,7 @@ def marginal_over_conditional(base: Baseline) -> pd.DataFrame:
         extremes = np.linalg.eigvalsh(lower @ marginal @ lower.T)
         rows.append({
             "window": t,
-            "geometric_mean": _log_ratio(marginal, conditional),
+            "geometric_mean": spread_ratio(marginal, conditional),
             "largest_direction": float(np.sqrt(extremes[-1])),
         })
     return pd.DataFrame(rows)

@@ -58,18 +58,6 @@ class Target:
         return self.factors._replace(quadratic=own - np.linalg.inv(scale * self.covariance))
 
 
-def conditional_target(solution: Solution, t: int, covariance: np.ndarray) -> Target:
-    """Posterior of window w(t), everything else held at the estimate.
-
-    Parameters
-    ----------
-    covariance : (9, 9) joint marginal Sigma_w
-    """
-    keys = windows.window_keys(t)
-    touching = closure.touching_factors(solution.graph, keys)
-    return Target(keys, compiled.flatten(touching, solution.estimate, keys, 1.0), covariance)
-
-
 def marginal_target(solution: Solution, t: int, pieces: list[Piece] | None = None) -> Target:
     """Posterior of window w(t) and all it is joined to, the rest of the graph integrated out.
 
@@ -103,10 +91,17 @@ def target(
     separators: str,
     pieces: list[Piece] | None = None,
 ) -> Target:
-    """The conditional or the marginal target; `covariance` is the window's (9, 9) marginal."""
+    """Posterior of window w(t), all else held ("conditional"), or that of `marginal_target`.
+
+    Parameters
+    ----------
+    covariance : (9, 9) joint marginal Sigma_w
+    """
     if separators == "marginal":
         return marginal_target(solution, t, pieces)
-    return conditional_target(solution, t, covariance)
+    keys = windows.window_keys(t)
+    touching = closure.touching_factors(solution.graph, keys)
+    return Target(keys, compiled.flatten(touching, solution.estimate, keys, 1.0), covariance)
 
 
 def expand(solution: Solution) -> list[Piece]:

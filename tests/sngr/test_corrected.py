@@ -141,7 +141,7 @@ def test_the_corrected_posterior_of_a_quiet_world_is_the_linear_one(quiet, separ
 
 def test_the_quadratic_divides_the_prior_out(noisy):
     """Prior times corrected likelihood is the target times a constant, at any point."""
-    aim = window_posterior.conditional_target(noisy.solution, 12, noisy.covariances[12])
+    aim = window_posterior.target(noisy.solution, 12, noisy.covariances[12], "conditional")
     points = np.random.default_rng(0).multivariate_normal(np.zeros(9), aim.covariance, 50)
     prior = -0.5 * np.sum(points * np.linalg.solve(3.0 * aim.covariance, points.T).T, axis=1)
     together = prior + compiled.log_likelihoods(aim.corrected(3.0), points)
@@ -336,7 +336,7 @@ def test_objections_to_the_weights_are_noted(monkeypatch):
 def test_the_gate_is_asked_about_the_mean_with_its_effective_samples(noisy, offset, accepted):
     """Two samples of unequal weight; the gate forgives as much as the mean loses, or a bit less."""
     t, solution = 12, noisy.solution
-    aim = window_posterior.conditional_target(solution, t, noisy.covariances[t])
+    aim = window_posterior.target(solution, t, noisy.covariances[t], "conditional")
     samples = np.vstack([np.full(9, 0.2), np.full(9, -0.1)])
     run = weighted_samples.WeightedSamples(
         samples, np.array([0.75, 0.25]), np.zeros(2), 0.0, 0.0, 2
