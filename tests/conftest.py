@@ -3,9 +3,10 @@
 import joblib
 import matplotlib.pyplot as plt
 import pytest
+from helpers import cells_from_scratch
 
 from sngr_utils import paths, trigger_sweep
-from sngr_utils.publish import verdict_tables
+from sngr_utils.publish import notebooks, verdict_tables
 from sngr_utils.publish.results import results_in
 from sngr_utils.show import style
 from sngr_utils.slam import conventions
@@ -59,3 +60,11 @@ def forked():
 def noisy() -> baseline.Baseline:
     """The paper's world at p = 0.3, seed 0, preset B."""
     return baseline.run_baseline(scenario.Scenario(), conventions.PRESETS["B"], 0.3, 0)
+
+
+@pytest.fixture(scope="module")
+def from_scratch(request):
+    """What the cells tagged "from-scratch" of the notebook define that a file of tests is for."""
+    stem = request.path.stem.removeprefix("test_")
+    (name,) = (each for each in notebooks.names() if each.partition("_")[2] == stem)
+    return cells_from_scratch(name)

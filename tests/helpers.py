@@ -1,10 +1,12 @@
 """What tests of several files use: small posteriors, a dense inverse, what has been compiled."""
 
 import importlib
+import math
 import re
 import runpy
 import warnings
 from dataclasses import replace
+from itertools import permutations
 
 import gtsam
 import nbformat
@@ -30,7 +32,7 @@ def read_notebook(name):
 
 def cells_from_scratch(name, **given):
     """What the cells of a notebook tagged "from-scratch" define, with NumPy and what is given."""
-    names = {"np": np, **given}
+    names = {"np": np, "math": math, "permutations": permutations, **given}
     for cell in read_notebook(name).cells:
         if "from-scratch" in cell.metadata.get("tags", []):
             exec(cell.source, names)

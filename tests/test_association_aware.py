@@ -1,10 +1,8 @@
-from itertools import permutations
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
-from helpers import cells_from_scratch, handed_on
+from helpers import handed_on
 
 from sngr_utils import association_aware
 from sngr_utils.experiments import estimators, online_variants
@@ -110,12 +108,6 @@ def test_figures_draw_every_method_variant_and_range(runs, ablation, from_scratc
 
 
 # --- associations and EM from scratch ------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def from_scratch():
-    """What the notebook's cells tagged "from-scratch" define."""
-    return cells_from_scratch("08_association_aware", permutations=permutations)
 
 
 def of_scan(scan, names):

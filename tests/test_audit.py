@@ -1,9 +1,7 @@
-import math
-
 import numpy as np
 import pandas as pd
 import pytest
-from helpers import cells_from_scratch, handed_on, read_notebook
+from helpers import handed_on, read_notebook
 from ruamel.yaml import YAML
 
 from sngr_utils import audit, paths
@@ -106,12 +104,6 @@ def test_tables_are_whole(sweep, studies):
     ):  # fmt: skip
         assert len(make(frame)) >= 2
         assert not make(frame).isna().any().any()
-
-
-@pytest.fixture(scope="module")
-def from_scratch():
-    """What the notebook's cells tagged "from-scratch" define."""
-    return cells_from_scratch("05_audit", math=math)
 
 
 def test_sign_test_from_scratch_is_the_librarys(from_scratch):

@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from helpers import cells_from_scratch, drawn_as_printed, handed_on
+from helpers import drawn_as_printed, handed_on
 
 from sngr_utils import bimodal, paths
 from sngr_utils.metrics import standard_error
@@ -170,12 +170,6 @@ def test_the_notebook_depends_on_nothing_it_does_not_show():
 
 
 # --- nested sampling from scratch ---------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def from_scratch():
-    """What the notebook's cells tagged "from-scratch" define."""
-    return cells_from_scratch("01_bimodal")
 
 
 PLANE = bimodal.Config()  # made once: the likelihood is asked a hundred thousand times

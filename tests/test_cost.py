@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from helpers import cells_from_scratch, handed_on, quick_config
+from helpers import handed_on, quick_config
 
 from sngr_utils import cost, full_sngr
 from sngr_utils.experiments import bench, refinement_cost
@@ -100,12 +100,6 @@ def test_saving_without_triggers_is_not_a_number():
 
 
 # --- counting from scratch -----------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def from_scratch():
-    """What the notebook's cells tagged "from-scratch" define."""
-    return cells_from_scratch("04_cost")
 
 
 def test_calls_counted_by_hand_are_those_of_a_sampler_that_asks_once_a_point(from_scratch):

@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from helpers import cells_from_scratch, drawn_as_printed, handed_on, quick_config
+from helpers import drawn_as_printed, handed_on, quick_config
 
 from sngr_utils import full_sngr
 from sngr_utils.metrics.effective_sample_size import effective_sample_size
@@ -108,12 +108,6 @@ def test_bad_pipeline_names_the_parameter(name):
 
 
 # --- the gate and Algorithm 1 from scratch -------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def from_scratch():
-    """What the notebook's cells tagged "from-scratch" define."""
-    return cells_from_scratch("03_full_sngr")
 
 
 @pytest.fixture(scope="module")

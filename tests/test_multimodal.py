@@ -4,7 +4,7 @@ import joblib
 import numpy as np
 import pandas as pd
 import pytest
-from helpers import cells_from_scratch, handed_on, signatures
+from helpers import handed_on, signatures
 
 from sngr_utils import multimodal
 from sngr_utils.detection import mirror_image
@@ -65,12 +65,6 @@ def test_landmarks_of_two_poses_have_two_places_and_of_eight_one(landmarks):
     assert (few["gap"] < 3).mean() > 0.8
     assert (many["gap"] > 3).all()
     assert few["window_score"].isna().all()
-
-
-@pytest.fixture(scope="module")
-def from_scratch():
-    """What the notebook's cell tagged "from-scratch" defines."""
-    return cells_from_scratch("09_multimodal")
 
 
 @pytest.mark.parametrize("n", [2, 3, 5, 8])

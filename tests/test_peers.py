@@ -1,7 +1,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from helpers import cells_from_scratch, handed_on
+from helpers import handed_on
 
 from sngr_utils import paths, peers
 from sngr_utils.experiments import estimators, one_range
@@ -60,12 +60,6 @@ def test_convex_losses_have_one_minimum_and_those_that_forget_a_second_at_the_wr
         found = x[1:-1][(cost[1:-1] < cost[:-2]) & (cost[1:-1] <= cost[2:])]
         assert len(found) == 1 + (name not in ("least_squares", "huber", "cauchy")), name
         assert len(found) == 1 or abs(found[1] - 4) < 0.1
-
-
-@pytest.fixture(scope="module")
-def from_scratch():
-    """What the notebook's cell tagged "from-scratch" defines."""
-    return cells_from_scratch("07_peers")
 
 
 @pytest.mark.parametrize("method", ["cauchy", "gnc_tls"])

@@ -1,11 +1,9 @@
 """The driver of notebook 06, its tables and its figures, on a few small worlds."""
 
-import math
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from helpers import cells_from_scratch, handed_on
+from helpers import handed_on
 from scipy import stats
 
 from sngr_utils import paths, triggers
@@ -101,12 +99,6 @@ def test_figures_show_what_they_are_given(config, study):
     triggers_figures.draw_levels(ax, clean, {"chi_square": "chi-square"})
     assert len(ax.texts) == 2 * clean["scenario"].nunique()
     plt.close(fig)
-
-
-@pytest.fixture(scope="module")
-def from_scratch():
-    """What the notebook's cells tagged "from-scratch" define."""
-    return cells_from_scratch("06_triggers", math=math)
 
 
 def test_leverage_from_scratch_is_the_librarys(from_scratch):
