@@ -56,23 +56,17 @@ def run_presets(config: Config, costs: dict[float, Cost]) -> dict[str, dict[floa
     costs : what `run` gave: one preset's costs, if no field was replaced. The others are those of
         the compiled nested sampler, which takes a hundredth of the time
     """
-    from sngr_utils.experiments import refinement_cost
+    from sngr_utils.experiments.refinement_cost import measure, refine_windows
 
     sampler, found = config.part(SamplerSettings), {}
     base = _baseline(config, config.p_levels[0])
-    refinement_cost.refine_windows(base, config.chosen, 0, sampler, "nested")  # compile, or load
+    refine_windows(base, config.chosen, 0, sampler, "nested")  # compile, or load
     for preset in PRESETS:
         other = config.under(preset)
-        found[preset] = (
-            costs
-            if other == config
-            else {
-                p: refinement_cost.measure(
-                    _baseline(other, p), other.chosen, config.tau, sampler, "nested"
-                )
-                for p in config.p_levels
-            }
-        )
+        found[preset] = costs if other == config else {
+            p: measure(_baseline(other, p), other.chosen, config.tau, sampler, "nested")
+            for p in config.p_levels
+        }  # fmt: skip
     return found
 
 

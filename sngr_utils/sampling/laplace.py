@@ -32,23 +32,22 @@ class Laplace:
 
 
 def laplace_approximation(
-    factors: Factors, cholesky: np.ndarray, start: np.ndarray, spread: np.ndarray | None = None
+    factors: Factors, cholesky: np.ndarray, start: np.ndarray
 ) -> Laplace | None:
     """Newton's method from `start`, then the Gaussian of the full Hessian; None if it fails.
 
     Gauss-Newton leaves out residual times curvature of the range circles. With wrong
     associations residuals are metres, and that is no small term. The differences are taken in
-    units of the last Gaussian found, so that all directions are resolved alike.
+    units of the last Gaussian found, first of the prior, so that all directions are resolved alike.
 
     Parameters
     ----------
     cholesky : (d, d) lower-triangular L of the prior
     start : (d,) xi near a mode
-    spread : (d, d) square root of a covariance to take differences in; `cholesky` if None
 
     Source: Tierney & Kadane, JASA 81 (1986) 82.
     """
-    at, spread = np.array(start, dtype=float), cholesky if spread is None else spread
+    at, spread = np.array(start, dtype=float), cholesky
     precision = np.linalg.inv(cholesky @ cholesky.T)
 
     def log_posterior(xi):
