@@ -177,7 +177,8 @@ def _power(row: Row) -> str:
     if row.kind == "number":
         if row.share is None:
             return cells.NONE
-        return f"refuses {'> 99' if row.share < 0.01 else f'{100 * (1 - row.share):.0f}'} %"
+        refused = "> 99" if row.share < 0.01 else f"{100 * (1 - row.share):.0f}"
+        return f"refuses {refused} %"
     entry = {each.id: each for each in claims.read().prose}[row.entry]
     if entry.rule != "share":
         return "a sign test" if entry.rule == "rises" else cells.NONE
