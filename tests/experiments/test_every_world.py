@@ -3,27 +3,29 @@
 import numpy as np
 import pytest
 
-from sngr_utils.experiments import every_world
+from sngr_utils.experiments import every_world, kinds_of_worlds
 from sngr_utils.slam import conventions
 
 C = conventions.PRESETS["C"]
 
 
 def test_every_row_has_a_kind_and_every_kind_can_be_drawn():
-    assert {kind for kind, _, _ in every_world.ROWS} <= set(every_world.CHANGES)
-    assert len(every_world.cells(range(2))) == 2 * sum(len(row[2]) for row in every_world.ROWS)
-    for kind in every_world.CHANGES:
-        world, sound = every_world.draw(kind, 0.3, 100)
+    assert {kind for kind, _, _ in kinds_of_worlds.ROWS} <= set(kinds_of_worlds.CHANGES)
+    assert len(kinds_of_worlds.cells(range(2))) == 2 * sum(
+        len(row[2]) for row in kinds_of_worlds.ROWS
+    )
+    for kind in kinds_of_worlds.CHANGES:
+        world, sound = kinds_of_worlds.draw(kind, 0.3, 100)
         assert world.n_poses == sound.n_poses
         assert (np.diff(world.pose_of) >= 0).all()
     with pytest.raises(ValueError, match="kind is"):
-        every_world.draw("moon", 0.0, 100)
+        kinds_of_worlds.draw("moon", 0.0, 100)
 
 
 def test_the_oracle_is_told_what_is_clutter_and_which_step_slipped():
     """Five metres of slip, or a fifth of clutter, cost it little."""
     for kind, most in (("slip 5 m", 2.0), ("clutter added 20 %", 1.05)):
-        world, sound = every_world.draw(kind, 0.3, 104)
+        world, sound = kinds_of_worlds.draw(kind, 0.3, 104)
         best, newest = every_world.oracle(world, sound, C, from_grid=False)
         clean, _ = every_world.oracle(sound, sound, C, from_grid=False)
         truth = world.poses[:, :2]

@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from sngr_utils.experiments import estimators, every_world, online_variants
+from sngr_utils.experiments import estimators, every_world, kinds_of_worlds, online_variants
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.online import (
     belief,
@@ -503,7 +503,7 @@ def test_a_large_slip_is_found_at_the_next_scans(metres, radians):
 
 def test_a_slip_that_was_believed_is_taken_back_where_there_was_none():
     """A reach of 4 m, seed 115: for five poses the newest one was as far off as ten metres."""
-    world, _ = every_world.draw("reach 4 m", 0.3, 115)
+    world, _ = kinds_of_worlds.draw("reach 4 m", 0.3, 115)
     found = run(world)
     truth = world.poses[:, :2]
     assert found.counts["slips"] == 0

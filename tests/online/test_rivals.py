@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sngr_utils.experiments import every_world
+from sngr_utils.experiments import kinds_of_worlds
 from sngr_utils.experiments.online_variants import run_unwarned
 from sngr_utils.online import estimator, rivals
 from sngr_utils.robust import em
@@ -76,8 +76,8 @@ def test_a_loop_that_one_range_closes_has_two_estimates(monkeypatch):
     source of that range, are as likely to a third of a nat, and further apart than they err."""
 
     def run():
-        world, _ = every_world.draw("reach 4 m", 0.3, 370)
-        rng = np.random.default_rng([370, every_world.STREAM, 1])
+        world, _ = kinds_of_worlds.draw("reach 4 m", 0.3, 370)
+        rng = np.random.default_rng([370, kinds_of_worlds.STREAM, 1])
         return run_unwarned(world.log(C.x0_sigmas), C, estimator.Settings(), rng=rng)
 
     assert run().diagnosis.rival < 1

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from stored_results import value, worlds
 
-from sngr_utils.experiments import every_world, peers_again, studies
+from sngr_utils.experiments import every_world, kinds_of_worlds, peers_again, studies
 from sngr_utils.experiments.estimators import BATCH, METHODS
 from sngr_utils.experiments.online_variants import NAME, PARTS
 from sngr_utils.metrics import summaries
@@ -167,13 +167,13 @@ def test_slips():
 def test_in_worlds_of_other_kinds_the_middle_one_is_at_the_oracle_but_where_something_is_hidden():
     rows = studies.committed("every_world")
     for (kind, preset, p), group in rows.groupby(["kind", "preset", "p"]):
-        if kind in every_world.MISLED:
+        if kind in kinds_of_worlds.MISLED:
             continue
         assert interval(group["final"])["low"] < 1.05, (kind, preset, p)
         most = 1.09 if kind in ("odometry 2", "clutter replaced 20 %") else 1.05
         assert group["final"].median() < most, (kind, preset, p)
     medians = rows.groupby("kind")["final"].median()
-    assert medians[list(every_world.MISLED)].min() > 2
+    assert medians[list(kinds_of_worlds.MISLED)].min() > 2
 
 
 def test_on_a_straight_road_odds_do_not_tell_sides_and_the_mean_over_them_is_nearer():
@@ -201,7 +201,7 @@ def test_one_in_fourteen_is_lost_most_of_them_misled_and_nearly_all_of_those_dou
     assert others < 0.02 * (n - lost)
     assert missed == 0
     rows = studies.committed("every_world")
-    rest = rows[(rows["final"] > every_world.LOST) & ~rows["kind"].isin(every_world.MISLED)]
+    rest = rows[(rows["final"] > every_world.LOST) & ~rows["kind"].isin(kinds_of_worlds.MISLED)]
     misled = lost - len(rest)
     assert 0.6 < misled / lost < 0.7
     assert not (rows[rows["final"] > every_world.LOST]["behind"] > 1).any()

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sngr_utils.experiments import every_world
+from sngr_utils.experiments import kinds_of_worlds
 from sngr_utils.metrics.alignment import aligned_rmse
 from sngr_utils.robust import em, growing_map
 from sngr_utils.robust.association import Shares
@@ -114,7 +114,7 @@ def test_each_reason_to_doubt_is_said(right):
 
 def test_a_straight_road_has_another_side():
     """Odometry that does not err leaves the mirror image exactly as likely."""
-    world, _ = every_world.draw("straight", 0.0, 100)
+    world, _ = kinds_of_worlds.draw("straight", 0.0, 100)
     exact = replace(world, odometry=relative_motion(world.poses)).log([0.01, 0.01, 0.001])
     assert any("another estimate" in doubt for doubt in growing_map.estimate(exact).doubts)
 

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from sngr_utils.experiments import every_world
+from sngr_utils.experiments import every_world, kinds_of_worlds
 from sngr_utils.experiments.online_variants import run_unwarned
 from sngr_utils.online.estimator import Settings
 from sngr_utils.robust import em, mirrors
@@ -31,7 +31,7 @@ def best():
 @pytest.fixture(scope="module")
 def road():
     """A straight road, and its log with odometry that does not err."""
-    world, _ = every_world.draw("straight", 0.0, 100)
+    world, _ = kinds_of_worlds.draw("straight", 0.0, 100)
     exact = dead_reckoning.relative_motion(world.poses)
     return world, replace(world, odometry=exact).log(C.x0_sigmas)
 
@@ -83,8 +83,8 @@ def test_a_path_that_moves_by_more_than_its_shape_is_known_is_another(best):
 
 def test_a_road_whose_mirror_image_is_as_likely_is_doubted():
     """The path is lost, and was found without a doubt: only all sides together show another."""
-    world, sound = every_world.draw("straight", 0.0, 506)
-    rng = np.random.default_rng([506, every_world.STREAM, 1])
+    world, sound = kinds_of_worlds.draw("straight", 0.0, 506)
+    rng = np.random.default_rng([506, kinds_of_worlds.STREAM, 1])
     log = world.log(C.x0_sigmas)
     found = run_unwarned(log, C, Settings(), rng=rng)
     assert found.diagnosis.rival < 1
@@ -121,7 +121,7 @@ def test_the_mean_over_sides_weighs_each_choice_by_the_root_of_its_odds():
 
 def test_a_choice_counts_once_and_as_the_one_that_it_ends_at():
     """Landmark 0 takes landmark 1 along, and landmark 2 falls back: 7 starts, 1 choice."""
-    world, _ = every_world.draw("straight", 0.0, 100)
+    world, _ = kinds_of_worlds.draw("straight", 0.0, 100)
     chain, _ = fit(world, world.log(C.x0_sigmas)).minimum
     here, asked = world.landmarks, np.arange(6) < 3
 
