@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sngr_utils.online import calibration, data_association, rivals, slips
+from sngr_utils.online import calibration, data_association, other_sources, rivals, slips
 from sngr_utils.online.belief import LOOSE, PRIOR, WINDOW, Belief, cost
 from sngr_utils.online.data_association import DROPPED
 from sngr_utils.online.landmarks import (
@@ -28,9 +28,9 @@ from sngr_utils.robust import (
     association,
     diagnosis,
     em,
-    growing_map,
     louis_covariance,
     mirrors,
+    naming,
 )
 from sngr_utils.robust.association import Shares
 from sngr_utils.robust.diagnosis import Diagnosis, DoubtWarning
@@ -83,7 +83,7 @@ class OnlineEstimate:
     landmarks : (K, 2), [m]; on the likeliest side; NaN for one that is not started
     landmark_covariances : (K, 2, 2), [m^2]
     in_doubt : (K,) bool, landmarks whose place is open, or their side (`mirrors.choices`), or
-        their name (`growing_map.names_open`)
+        their name (`naming.names_open`)
     graph_poses : (T, 3) those that take the assignments for certain
     used : (M,) int, landmark each range is assigned to, -1 for none
     position_covariances : (T, 2, 2) in the world frame, [m^2]
@@ -362,7 +362,7 @@ class Online:
         blocks = belief.covariance().landmarks.reshape(log.n_landmarks, 2, log.n_landmarks, 2)
         own = np.einsum("kikj->kij", blocks)
         in_doubt = belief.in_doubt | ~belief.present | self._vague() | either.open
-        in_doubt |= growing_map.names_open(log, ours)
+        in_doubt |= naming.names_open(log, ours)
         belief.counts["slips"] = int(belief.slipped.sum())
         belief.counts["dropped"] = int(np.sum(used == DROPPED))
         belief.counts["swapped"] = int(np.sum((used != DROPPED) & (used != log.label_of)))
@@ -392,7 +392,9 @@ class Online:
         if settings.restart and other.cost < best.cost - BETTER:
             best = other
         self._adopt(best.log, told, best.found)
-        others += rivals.with_another_source(belief, best, told, self._fit, settings.exclusive)
+        others += other_sources.with_another_source(
+            belief, best, told, self._fit, settings.exclusive
+        )
         other = min([best, *others], key=lambda one: one.cost)
         if settings.restart and other.cost < best.cost - BETTER:
             best = other

@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sngr_utils.online import relocalisation, slips
-from sngr_utils.online.belief import LOOSE, TURNED, Belief, cost
-from sngr_utils.online.data_association import DROPPED
-from sngr_utils.robust import association, diagnosis, em, growing_map, mirrors, mutual_exclusion
+from sngr_utils.online.belief import LOOSE, TURNED, cost
+from sngr_utils.robust import diagnosis, em, growing_map, mirrors, naming
 from sngr_utils.robust.em import SoftEstimate
 from sngr_utils.slam import landmark_starts
 from sngr_utils.slam.conventions import Conventions
@@ -28,8 +27,6 @@ ENDS = 3  # groups of steps at either end that are always asked: wrong labels th
 EXPLAINED = 0.9  # share of the ranges of scans that lie where they are, clutter left out
 OPEN = 0.5  # probability of no landmark that frees a range for one that starts again
 MANY = 0.1  # share of the ranges that no landmark explains
-PLAUSIBLE = 0.01  # posterior of another source of a range, for it to be tried
-CHOICES, TRIED = 50, 5  # ranges that are given to another source, and estimates made of them
 
 Fit = Callable[[Log, tuple[np.ndarray, np.ndarray], float], SoftEstimate]
 
@@ -113,7 +110,7 @@ def repaired(log: Log, found: SoftEstimate, fit: Fit) -> SoftEstimate:
 
 def renamed(log: Log, found: SoftEstimate, fit: Fit) -> SoftEstimate:
     """The estimate with landmarks exchanged as labels have it, if it is likelier so."""
-    places = growing_map.named(log, found)
+    places = naming.named(log, found)
     if np.array_equal(places, found.landmarks, equal_nan=True):
         return found
     other = fit(log, (found.poses, places), 1.0)
@@ -182,42 +179,6 @@ def on_other_sides(told: np.ndarray, ours: Rival, fit: Fit) -> list[Rival]:
     """Estimates with landmarks at their mirror images, see `mirrors.rivals`."""
     found = mirrors.rivals(ours.found, lambda *start: fit(ours.log, start, 1.0))
     return [rival(ours.log, told, one) for one in found]
-
-
-def with_another_source(
-    belief: Belief, ours: Rival, told: np.ndarray, fit: Fit, exclusive: bool
-) -> list[Rival]:
-    """Estimates that begin where one range comes from another landmark, and the path moves for it.
-
-    A loop may be closed by one range: where two sources of it are plausible, predicted without it,
-    there are two estimates of the whole, each of which makes its own source look right.
-
-    Parameters
-    ----------
-    belief : of the whole log, at our estimate
-    """
-    log, n = belief.log, belief.log.n_landmarks
-    innovations, used = belief.innovations(), belief.assignment.used
-    joint = association.log_joint(log, innovations.residuals, innovations.variances, belief.shares)
-    weights = (
-        mutual_exclusion.exclusive_posterior(joint, log.pose_of)
-        if exclusive
-        else association.posterior(joint)
-    )
-    weights[np.arange(len(used)), used] = 0.0  # the last column is that of none, and of DROPPED
-    ranges, sources = np.nonzero(weights > PLAUSIBLE)
-    likeliest = np.argsort(-weights[ranges, sources], kind="stable")[:CHOICES]
-    moving = []
-    for m, k in zip(ranges[likeliest], sources[likeliest], strict=True):
-        other = used.copy()
-        if exclusive:
-            other[(log.pose_of == log.pose_of[m]) & (used == k)] = DROPPED
-        other[m] = k if k < n else DROPPED
-        cost_of_it, poses, landmarks = belief.settled(belief.landmarks, other)
-        if ours.found.moved(poses - belief.poses) > 1:
-            moving.append((cost_of_it, (poses, landmarks)))
-    best = sorted(moving, key=lambda one: one[0])[:TRIED]
-    return [rival(ours.log, told, fit(ours.log, start, 1.0)) for _, start in best]
 
 
 def with_a_slip(log: Log, fit: Fit, everywhere: bool) -> list[Rival]:

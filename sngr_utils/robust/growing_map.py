@@ -11,9 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import optimize, special
+from scipy import special
 
-from sngr_utils.robust import diagnosis, em, mirrors
+from sngr_utils.robust import diagnosis, em, mirrors, naming
 from sngr_utils.robust.association import log_joint, residuals
 from sngr_utils.robust.diagnosis import Diagnosis
 from sngr_utils.slam import chain_cost, chain_solver, noise_estimation
@@ -29,8 +29,6 @@ from sngr_utils.world.log import NO_LABEL, Log
 PER_LANDMARK, GROWTH = 60, 1.1
 SEARCHES = ((True, 40, 1.25), (False, PER_LANDMARK, GROWTH), (False, 40, 1.1), (True, 40, 1.1))
 AGREE = 1.0  # nats between two searches that have found the same
-NAMED = np.log(99.0)  # nats by which every other name of a landmark is worse, if it has one
-FORBIDDEN = 1e9  # nats
 WIDEST, LAST = 3.0, 2.0  # range sigmas that a longer prefix starts with, and a last repair
 STARVING = 0.25  # of the ranges that are promised to a landmark: with less it is started again
 WIDE = 1e3  # longest ranges, the sigma of a prior that says nothing of a landmark
@@ -101,7 +99,7 @@ def _search(log: Log, progress: Callable[[float], None]) -> tuple[em.SoftEstimat
     for i, (labelled, per_landmark, growth) in enumerate(SEARCHES):
         found = grow(log if labelled else _without_labels(log), per_landmark, growth)
         if not labelled:
-            found = _fit(log, (found.poses, named(log, found)), found.calibration, 1.0)
+            found = _fit(log, (found.poses, naming.named(log, found)), found.calibration, 1.0)
         maps.append(found)
         scores.append(score(log, found))
         progress(0.15 * (i + 1))
@@ -112,41 +110,6 @@ def _search(log: Log, progress: Callable[[float], None]) -> tuple[em.SoftEstimat
 
 def _without_labels(log: Log) -> Log:
     return replace(log, label_of=np.full(len(log.ranges), NO_LABEL), label_probabilities=None)
-
-
-def named(log: Log, soft: em.SoftEstimate) -> np.ndarray:
-    """(K, 2) landmarks in the order in which they agree best with labels; surveyed ones stay."""
-    if np.isfinite(log.landmark_sigmas).any():
-        return soft.landmarks
-    found, names = optimize.linear_sum_assignment(_agreeing(log, soft), maximize=True)
-    return soft.landmarks[found[np.argsort(names)]]
-
-
-def names_open(log: Log, soft: em.SoftEstimate) -> np.ndarray:
-    """(K,) bool, landmarks that are called otherwise in a naming that is hardly less likely.
-
-    A label that agrees is likelier than one that does not by the odds of a right label to one of
-    the wrong ones. Where no range has a label, names mean nothing, and none is open.
-    """
-    n, wrong = log.n_landmarks, soft.shares.wrong
-    told = log.label_probabilities is not None or (log.label_of != NO_LABEL).any()
-    if n < 2 or not told or np.isfinite(log.landmark_sigmas).any():
-        return np.zeros(n, dtype=bool)
-    agreeing = _agreeing(log, soft) * max(np.log((1 - wrong) * (n - 1) / wrong), 0.0)
-    gaps = np.empty(n)
-    for k in range(n):
-        others = agreeing.copy()
-        others[k, k] = -FORBIDDEN
-        gaps[k] = np.trace(agreeing) - others[optimize.linear_sum_assignment(-others)].sum()
-    return gaps < NAMED
-
-
-def _agreeing(log: Log, soft: em.SoftEstimate) -> np.ndarray:
-    """(K, K) how many of a landmark's ranges are labelled as each of them."""
-    meant = log.label_probabilities
-    if meant is None:
-        meant = log.label_of[:, None] == np.arange(log.n_landmarks)
-    return soft.responsibilities.T @ meant
 
 
 def _found_twice(scores: list[float]) -> bool:

@@ -7,8 +7,7 @@ import pytest
 
 from sngr_utils.experiments import kinds_of_worlds
 from sngr_utils.metrics.alignment import aligned_rmse
-from sngr_utils.robust import em, growing_map
-from sngr_utils.robust.association import Shares
+from sngr_utils.robust import growing_map
 from sngr_utils.world.dead_reckoning import dead_reckoning, relative_motion
 from sngr_utils.world.log import NO_LABEL, Log
 from sngr_utils.world.scenario import Scenario
@@ -56,49 +55,6 @@ def test_wrong_labels_and_none_cost_little(right, p):
     labels = np.full(len(log.ranges), NO_LABEL) if p is None else a_log(p)[0].label_of
     again = growing_map.estimate(replace(log, label_of=labels))
     assert rmse(again.soft.poses, world) < 1.3 * rmse(grown.soft.poses, world)
-
-
-def test_a_map_named_otherwise_gets_its_names_from_the_labels(right):
-    _, log, grown = right
-    mixed = replace(
-        grown.soft, landmarks=grown.soft.landmarks[[2, 0, 1]],
-        weights=grown.soft.weights[:, [2, 0, 1, 3]],
-    )  # fmt: skip
-    np.testing.assert_array_equal(growing_map.named(log, mixed), grown.soft.landmarks)
-
-
-def labelled(counts):
-    """A log of 3 landmarks whose ranges come in cells of (place, label), half of them wrong."""
-    places = np.repeat(np.arange(9) // 3, np.ravel(counts))
-    _, log = a_log(0.0)
-    log = log.keep(np.arange(len(log.ranges)) < len(places))
-    log = log._with(label_of=np.repeat(np.arange(9) % 3, np.ravel(counts)))
-    return log, em.SoftEstimate(None, None, None, np.eye(4)[places], Shares(0.5, 0.0), None)
-
-
-@pytest.mark.parametrize(("crossed", "are_open"), [(5, True), (4, False)])
-def test_names_that_could_be_exchanged_are_open(crossed, are_open):
-    """A label that agrees is twice as likely: 6 of them are less than 99 to 1, and 8 are more."""
-    log, soft = labelled([[8, crossed, 0], [crossed, 8, 0], [0, 0, 12]])
-    assert (2.0 ** (16 - 2 * crossed) < 99) == are_open
-    assert growing_map.names_open(log, soft).tolist() == [are_open, are_open, False]
-
-
-def test_three_names_that_go_round_are_open_though_no_two_can_be_exchanged():
-    counts = [[8, 7, 0], [0, 8, 7], [7, 0, 8]]
-    log, soft = labelled(counts)
-    assert growing_map.names_open(log, soft).all()
-    log, soft = labelled([[8, 5, 0], [0, 8, 5], [5, 0, 8]])
-    assert not growing_map.names_open(log, soft).any()
-
-
-def test_where_nothing_has_a_label_or_all_is_surveyed_no_name_is_open():
-    log, soft = labelled(np.full((3, 3), 4))
-    assert growing_map.names_open(log, soft).all()
-    bare = log._with(label_of=np.full(len(log.ranges), NO_LABEL))
-    assert not growing_map.names_open(bare, soft).any()
-    known = log._with(landmark_sigmas=np.array([0.1, np.nan, np.nan]))
-    assert not growing_map.names_open(known, soft).any()
 
 
 def test_each_reason_to_doubt_is_said(right):

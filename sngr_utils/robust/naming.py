@@ -1,0 +1,49 @@
+"""What landmarks are called: where labels may be wrong, their places do not say it.
+
+EM that looks at distances alone finds the same map whatever its landmarks are called; the labels,
+counted over all ranges, name them, or leave it open.
+"""
+
+import numpy as np
+from scipy import optimize
+
+from sngr_utils.robust.em import SoftEstimate
+from sngr_utils.world.log import NO_LABEL, Log
+
+NAMED = np.log(99.0)  # nats by which every other name of a landmark is worse, if it has one
+FORBIDDEN = 1e9  # nats
+
+
+def named(log: Log, soft: SoftEstimate) -> np.ndarray:
+    """(K, 2) landmarks in the order in which they agree best with labels; surveyed ones stay."""
+    if np.isfinite(log.landmark_sigmas).any():
+        return soft.landmarks
+    found, names = optimize.linear_sum_assignment(_agreeing(log, soft), maximize=True)
+    return soft.landmarks[found[np.argsort(names)]]
+
+
+def names_open(log: Log, soft: SoftEstimate) -> np.ndarray:
+    """(K,) bool, landmarks that are called otherwise in a naming that is hardly less likely.
+
+    A label that agrees is likelier than one that does not by the odds of a right label to one of
+    the wrong ones. Where no range has a label, names mean nothing, and none is open.
+    """
+    n, wrong = log.n_landmarks, soft.shares.wrong
+    told = log.label_probabilities is not None or (log.label_of != NO_LABEL).any()
+    if n < 2 or not told or np.isfinite(log.landmark_sigmas).any():
+        return np.zeros(n, dtype=bool)
+    agreeing = _agreeing(log, soft) * max(np.log((1 - wrong) * (n - 1) / wrong), 0.0)
+    gaps = np.empty(n)
+    for k in range(n):
+        others = agreeing.copy()
+        others[k, k] = -FORBIDDEN
+        gaps[k] = np.trace(agreeing) - others[optimize.linear_sum_assignment(-others)].sum()
+    return gaps < NAMED
+
+
+def _agreeing(log: Log, soft: SoftEstimate) -> np.ndarray:
+    """(K, K) how many of a landmark's ranges are labelled as each of them."""
+    meant = log.label_probabilities
+    if meant is None:
+        meant = log.label_of[:, None] == np.arange(log.n_landmarks)
+    return soft.responsibilities.T @ meant

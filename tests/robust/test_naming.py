@@ -1,0 +1,55 @@
+"""What landmarks are called, by labels of which some are wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sngr_utils.robust import em, naming
+from sngr_utils.robust.association import Shares
+from sngr_utils.world import scenario, simulation
+from sngr_utils.world.log import NO_LABEL
+
+
+def labelled(counts):
+    """A log of 3 landmarks whose ranges come in cells of (place, label), half of them wrong."""
+    places = np.repeat(np.arange(9) // 3, np.ravel(counts))
+    scene = scenario.Scenario(n_poses=40, n_landmarks=3)
+    log = simulation.simulate(scene, 0.0, rng=np.random.default_rng(0)).log([0.01, 0.01, 0.001])
+    log = log.keep(np.arange(len(log.ranges)) < len(places))
+    log = log._with(label_of=np.repeat(np.arange(9) % 3, np.ravel(counts)))
+    return log, em.SoftEstimate(None, None, None, np.eye(4)[places], Shares(0.5, 0.0), None)
+
+
+def test_a_map_named_otherwise_gets_its_names_from_the_labels():
+    log, soft = labelled([[5, 1, 0], [1, 5, 0], [0, 0, 9]])
+    soft = replace(soft, landmarks=np.eye(3)[:, :2])
+    mixed = replace(
+        soft, landmarks=soft.landmarks[[2, 0, 1]], weights=soft.weights[:, [2, 0, 1, 3]]
+    )
+    np.testing.assert_array_equal(naming.named(log, mixed), soft.landmarks)
+
+
+@pytest.mark.parametrize(("crossed", "are_open"), [(5, True), (4, False)])
+def test_names_that_could_be_exchanged_are_open(crossed, are_open):
+    """A label that agrees is twice as likely: 6 of them are less than 99 to 1, and 8 are more."""
+    log, soft = labelled([[8, crossed, 0], [crossed, 8, 0], [0, 0, 12]])
+    assert (2.0 ** (16 - 2 * crossed) < 99) == are_open
+    assert naming.names_open(log, soft).tolist() == [are_open, are_open, False]
+
+
+def test_three_names_that_go_round_are_open_though_no_two_can_be_exchanged():
+    counts = [[8, 7, 0], [0, 8, 7], [7, 0, 8]]
+    log, soft = labelled(counts)
+    assert naming.names_open(log, soft).all()
+    log, soft = labelled([[8, 5, 0], [0, 8, 5], [5, 0, 8]])
+    assert not naming.names_open(log, soft).any()
+
+
+def test_where_nothing_has_a_label_or_all_is_surveyed_no_name_is_open():
+    log, soft = labelled(np.full((3, 3), 4))
+    assert naming.names_open(log, soft).all()
+    bare = log._with(label_of=np.full(len(log.ranges), NO_LABEL))
+    assert not naming.names_open(bare, soft).any()
+    known = log._with(landmark_sigmas=np.array([0.1, np.nan, np.nan]))
+    assert not naming.names_open(known, soft).any()
