@@ -34,7 +34,7 @@ section { box-sizing: border-box; height: 100vh; padding: 3vh 6vw; display: none
 section.shown { display: flex; flex-flow: column }
 h1 { font-size: 1.3em; margin: 0.5em 0 } pre { margin: 0.5em 0 }
 img { flex: 1; min-height: 0; object-fit: contain }
-.long { font-size: 21px } .look { font-size: 20px }
+.long { font-size: 21px } img ~ .look, table ~ .look { font-size: 20px }
 table { border-collapse: collapse; font-size: 20px; align-self: start }
 td, th { padding: 0.2em 0.6em; text-align: left }
 footer { position: fixed; bottom: 0.3em; right: 1em; font-size: 16px; color: #444 }

@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from sngr_utils.metrics.cluster_bootstrap import Interval
 from sngr_utils.publish import authors, authors_worlds, cells, printed
 from sngr_utils.show import style
-from sngr_utils.show.common import legend_above
 from sngr_utils.show.style import WRONG_LABEL
 
 QUANTITIES = {"rmse": ("RMSE [m]", 2), "nees": ("NEES", 2), "triggered": ("windows that fire", 0)}
@@ -76,4 +75,4 @@ def draw_worlds(axes: Sequence[Axes], levels: Sequence[float]) -> None:
     for ax, label in zip(axes, named, strict=True):
         ax.set(xlabel=WRONG_LABEL, ylabel=label, xlim=ends, ylim=(0, 1.02))
     axes[0].set_ylim(0.6, 1.02)
-    legend_above(axes[0], 1)
+    axes[0].legend(loc="lower center", bbox_to_anchor=(0.5, 1), borderpad=0.1)

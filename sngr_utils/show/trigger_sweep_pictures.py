@@ -28,10 +28,10 @@ def draw_world(ax: Axes, base: Baseline, tau: float | None = None) -> None:
     the_world, estimate = base.world, base.solution.poses
     _draw_edges(ax, base)
     ax.plot(*the_world.poses[:, :2].T, "-", color=style.TRUTH, lw=0.7, label="truth")
-    ax.plot(*estimate[:, :2].T, "o-", color=style.ESTIMATE, lw=0.7, ms=2, label="iSAM2")
+    ax.plot(*estimate[:, :2].T, "o-", color=style.ESTIMATE, lw=0.7, ms=3, label="iSAM2")
     if tau is not None:
         marked = base.fired_poses(tau)
-        ax.plot(*estimate[marked, :2].T, "o", color=style.TRIGGERED, mfc="none", ms=5,
+        ax.plot(*estimate[marked, :2].T, "o", color=style.TRIGGERED, mfc="none", ms=5.5,
                 label=f"fires ({base.fired(tau).sum()})")  # fmt: skip
         draw_printed(ax, [], [], printed_fires(base.p))
     ax.plot(*base.solution.landmarks.T, **style.FOUND_LANDMARK, label="landmark, found")
@@ -80,10 +80,10 @@ def draw_scores(ax: Axes, base: Baseline, tau: float) -> None:
     In brackets: how many fire, and how many by the paper.
     """
     t, fired = np.arange(len(base.scores)), base.fired(tau)
-    ax.plot(t[~fired], base.scores[~fired], "o", color=style.ESTIMATE, ms=2.5)
-    ax.plot(t[fired], base.scores[fired], "o", color=style.TRIGGERED, ms=2.5,
+    ax.plot(t[~fired], base.scores[~fired], "o", color=style.ESTIMATE, ms=3)
+    ax.plot(t[fired], base.scores[fired], "o", color=style.TRIGGERED, ms=3,
             label=f"fires ({fired.sum()})")  # fmt: skip
-    ax.plot(t[base.failed], base.scores[base.failed] + 0.08, "v", color=style.TRUTH, ms=2,
+    ax.plot(t[base.failed], base.scores[base.failed] + 0.1, "v", color=style.TRUTH, ms=2.5,
             label="failed")  # fmt: skip
     ax.axhline(tau, color=style.TRIGGERED, lw=0.8, ls="--", label=rf"$\tau$ = {tau:g}")
     draw_printed(ax, [], [], printed_fires(base.p))

@@ -1,7 +1,12 @@
 """Sentences of notebook 01 about signs and orders, on its stored table."""
 
+import re
+
 import numpy as np
+from helpers import read_notebook
 from stored_results import entry, value
+
+from sngr_utils.world.two_anchors import TwoAnchors
 
 PRINTED, OURS = 2, 3  # columns; the rows are those of the whole table
 
@@ -35,3 +40,34 @@ def test_an_uneven_split_has_the_printed_coefficient_and_not_the_printed_spread(
     kurtosis = weights @ (ends**4 + 6 * ends**2 * width**2 + 3 * width**4) / variance**2
     assert abs((1 + skewness**2) / kurtosis - entry("bimodal", 9, PRINTED)) < 0.02
     assert np.sqrt(variance) < 0.5
+
+
+def density_in_the_plane(c):
+    """Heights (N,) of a grid, and shares under N(upper mode, c Sigma) and the printed factor."""
+    world = TwoAnchors()
+    x, y = np.meshgrid(np.linspace(0, 4, 201), np.linspace(-4, 4, 401))
+    away = np.stack([x, y], axis=-1).reshape(-1, 2)
+    lengths = np.linalg.norm(away[:, None] - world.anchors, axis=2)
+    cost = 0.5 * np.sum((lengths - world.measured_range) ** 2, axis=1) / world.range_sigma**2
+    step = away - world.modes[0]
+    information = world.gauss_newton_hessian(world.modes[0]) / c
+    density = np.exp(-0.5 * cost - 0.5 * np.einsum("ni,ij,nj->n", step, information, step))
+    return away[:, 1], density / density.sum()
+
+
+def test_a_mode_is_seen_through_a_prior_a_hundred_times_as_wide_and_not_through_the_papers():
+    """Exercise 3: what it expects, by quadrature, and four runs (4 of their sigmas: 6e-5 each)."""
+    cells = [cell for cell in read_notebook("01_bimodal").cells if cell.cell_type == "code"]
+    said = next(c.outputs[0].text for c in cells if "off_saddle" in c.source)
+    found = re.findall(r"c = +(\d+), .*other mode ([\d.]+), expected ([\d.]+); (\d+) calls", said)
+    assert len(found) == 3
+    spread = entry("bimodal", 10, OURS, 2)
+    for c, mass, expected, _ in found:
+        heights, density = density_in_the_plane(float(c))
+        share = density[heights < 0].sum()
+        assert abs(float(expected) - share) < 0.01
+        assert abs(float(mass) - share) < 4 * spread / np.sqrt(4)
+    (_, least, _, few), *_, (_, most, _, many) = found
+    assert float(least) < 0.01
+    assert 0.4 < float(most) < 0.5
+    assert 1.5 < float(many) / float(few) < 2.5

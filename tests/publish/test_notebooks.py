@@ -83,6 +83,26 @@ def test_exercises_have_folded_solutions(name):
     assert text.count("<details>") == text.count("</details>") == len(solutions)
 
 
+TWO_LEVELS = {"10_real_data"}  # predicts twice and has neither a stub nor a project
+
+
+@pytest.mark.parametrize("name", sorted({*NAMES} - TWO_LEVELS))
+def test_exercises_are_predicted_completed_and_a_project(name):
+    """The stub of the second answers nothing, and its solution is what an assert calls right."""
+    cells = read_notebook(name).cells
+    text = "\n".join(cell.source for cell in cells if cell.cell_type == "markdown")
+    asked = re.findall(r"^\*\*(\d)\. (\w+): ", text, re.M)
+    assert asked == [("1", "Predict"), ("2", "Complete"), ("3", "Project")]
+    tags = [cell.metadata.get("tags", []) for cell in cells]
+    at = tags.index(["exercise"])
+    stub, check, solution = cells[at : at + 3]
+    assert "...  # your lines" in stub.source
+    assert tags[at + 1] == ["check"]
+    assert "assert " in check.source
+    assert "solution" in tags[at + 2]
+    assert [check.outputs[0].text, solution.outputs[0].text[:5]] == ["not written yet\n", "right"]
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_pictures_are_described_to_who_cannot_see_them(name):
     """A cell's "alt" says what its picture shows and what to notice (the site's alt text)."""
