@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from sngr_utils import paths
-from sngr_utils.publish import notebooks
-from sngr_utils.publish.files import write_json, write_text
+from sngr_utils.publish import notebooks, quiet
+from sngr_utils.publish.files import read_json, write_json, write_text
 from sngr_utils.publish.freshness import STAMP, digest, file_digest, inputs, is_whole_run
 from sngr_utils.publish.notebooks import ProjectError
 
@@ -26,6 +26,7 @@ UNTOUCHED = "published results are untouched"
 QUIET_KERNEL = ["--log-level=50"]  # no remarks about its transport or its end
 SECONDS = "seconds.json"  # how long an execution took, beside it
 INJECTED = "injected-parameters"  # papermill's tag of the cell that it adds
+OTHERS = "others"  # had this share of the machine meanwhile: of a notebook that hands on times
 
 
 def run_of(name: str, params: dict[str, Any]) -> Path:
@@ -94,6 +95,7 @@ def execute(name: str, params: dict[str, Any], folder: Path) -> float:
     position = notebooks.names().index(name)
     bar = {"desc": name, "position": position, "leave": False, "disable": not sys.stderr.isatty()}
     where, started = os.path.relpath(folder, paths.NOTEBOOKS), time.perf_counter()
+    before = quiet.read()
     try:
         papermill.execute_notebook(
             paths.NOTEBOOKS / f"{name}.ipynb",
@@ -119,10 +121,21 @@ def execute(name: str, params: dict[str, Any], folder: Path) -> float:
         raise ProjectError(f"{name}: the kernel did not start: {error}; {UNTOUCHED}") from error
     executed = json.loads(output.read_text(encoding="utf-8"))
     tidy(executed)
+    _note_others(folder / f"{name}.timings.json", executed, quiet.others(before, quiet.read()))
     write_notebook(output, executed)
     seconds = time.perf_counter() - started
     write_json(folder / SECONDS, {"seconds": seconds})
     return seconds
+
+
+def _note_others(clocks: Path, notebook: dict, share: float) -> None:
+    """Write beside times, and into the notebook that shows them, how busy the machine was."""
+    if clocks.exists():
+        notebook["metadata"][OTHERS] = round(share, 3)
+        times = read_json(clocks)
+        key = f"clock.{clocks.name.split('.')[0]}.{OTHERS}"
+        times["values"][key] = {"value": share, "format": ".0%", "unit": "", "n": 1}
+        write_json(clocks, times)
 
 
 def tidy(notebook: dict) -> None:

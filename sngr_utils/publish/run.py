@@ -122,6 +122,7 @@ def refresh(name: str) -> None:
         )
     stored, executed = json.loads(before), execution.code_cells(run / f"{name}.ipynb")
     execution.tidy(stored)
+    stored["metadata"] = json.loads((run / f"{name}.ipynb").read_text("utf-8"))["metadata"]
     ours = [cell for cell in stored["cells"] if cell["cell_type"] == "code"]
     for number, (cell, done) in enumerate(zip(ours, executed, strict=True), start=1):
         cell["outputs"], cell["execution_count"] = done["outputs"], number

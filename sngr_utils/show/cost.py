@@ -112,7 +112,8 @@ def record(
     seconds = np.array([cost.exhaustive(cost.seconds) / len(cost.calls) for cost in costs.values()])
     _record_ratio("cost.window_over_isam2", seconds, isam2, to)
     _record_ratio("cost.likelihood_share", 100 * calls * closure.seconds_window, seconds, to)
-    _record_ratio("closure.loop_over_window", closure.seconds_loop, closure.seconds_window, to)
+    for key, seconds in (("loop", closure.seconds_loop), ("call", closure.seconds_all)):
+        _record_ratio(f"closure.{key}_over_window", seconds, closure.seconds_window, to)
     to.value("cost.isam2_seconds", isam2.mean(), ".3f", "s", timing=True)
 
 
@@ -162,6 +163,8 @@ def record_engines(
         order = 10.0 ** np.floor(np.log10(last)) if last > 1000 else last  # three windows' worth
         to.value(f"growth.{name}.last", order, ".0f", timing=True)
     to.value("growth.slope", grown.slope("marginals, selected inverse"), timing=True)
+    slope = grown.slope("marginals, GTSAM, asked anew for each window")
+    to.value("growth.anew_slope", slope, timing=True)
 
 
 def speed_table(

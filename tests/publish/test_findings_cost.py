@@ -12,6 +12,7 @@ from sngr_utils.world.scenario import Scenario
 
 ENGINES = range(1, 9)  # rows: four of dynesty and one with long walks, two compiled, the fast path
 DYNESTY, FEW, MANY, FAST = range(5), 5, 6, 7
+ASKED = {"closure.call_over_window", "growth.anew_slope"}
 
 
 def column(number, part=""):
@@ -77,3 +78,21 @@ def test_b_saves_nearly_as_much_as_printed_and_a_less():
             base, chosen, config.tau, config.part(SamplerSettings), "nested"
         ).saving_calls
     assert value("cost.saving_calls") < 1.5 < saved["A"] < 5 < 6 < saved["B"] < 7.6
+
+
+def test_one_by_one_the_closure_costs_what_its_factors_say_and_in_one_call_half_as_much():
+    """Times of a quiet machine; `test_findings_times` says whether it was one."""
+    more = value("closure.all_factors") / value("closure.window_factors")
+    assert 0.75 < value("closure.loop_over_window") / more < 1.33
+    assert 2 < value("closure.call_over_window") < 0.6 * more
+
+
+def test_most_of_a_windows_time_is_no_likelihood_and_all_windows_cost_a_few_runs_of_isam2():
+    assert value("cost.likelihood_share") < 50
+    assert 1 < value("engine.fast_all_over_isam2") < 10
+
+
+def test_marginals_grow_with_the_length_and_asked_anew_with_its_square():
+    assert value("growth.slope") < 1.1
+    assert 1.7 < value("growth.anew_slope") < 2.4
+    assert 1 < value("growth.together.first") < value("growth.together.last")

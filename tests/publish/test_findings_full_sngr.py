@@ -3,6 +3,8 @@
 import numpy as np
 from stored_results import value
 
+from sngr_utils import full_sngr
+
 
 def rows(quantity):
     """(4 levels, presets A, B and C) of the n-th quantity of the table of the paper."""
@@ -58,3 +60,16 @@ def test_odometry_alone_is_better_from_the_first_wrong_labels_on():
 
 def test_the_gate_is_ten_times_finer_than_the_noise_of_a_mean():
     assert 8 < value("sngr.mean_cost") / 0.001 < 13
+
+
+def test_the_clouds_of_the_window_that_is_shown_are_narrow_and_the_truth_is_outside_all():
+    """By the fast path, which samples this window as dynesty does."""
+    config = full_sngr.Config(p_levels=[0.2, 0.3], engine="fast")
+    level = full_sngr.run(config)[config.p_diagnosed]
+    window = full_sngr.example_window(config, level)
+    assert window.t == 14
+    truth, estimate, samples, mean = full_sngr.window_positions(config, level, window)
+    reach = np.linalg.norm(samples - estimate, axis=2).max(axis=0)
+    assert (reach < 0.25).all()  # m
+    assert (np.linalg.norm(truth - estimate, axis=1) > 1).all()
+    assert (np.linalg.norm(mean - estimate, axis=1) < 0.05).all()

@@ -1,6 +1,10 @@
 """Sentences of notebook 09 about signs, orders and all, on stored results."""
 
+import numpy as np
+import pytest
 from stored_results import entry, value
+
+from sngr_utils import multimodal
 
 METHODS = ("one Gaussian", "c = 1", "c = 50", "ancestral", "ancestral, reweighted", "many starts")
 FEW, CALLS_FEW, MORE, CALLS_MORE, WINDOW, CALLS_WINDOW = range(2, 8)  # columns of the summary
@@ -74,3 +78,9 @@ def test_many_starts_are_cheapest_of_all_that_meet_the_target():
     for calls in (CALLS_FEW, CALLS_WINDOW):
         others = [summary(method, calls) for method in METHODS[3:5]]
         assert summary("many starts", calls) < min(others)
+
+
+@pytest.mark.parametrize(("n", "wrong"), [(2, False), (3, True), (6, False)])
+def test_after_three_poses_the_gaussian_that_is_drawn_has_the_wrong_place(n, wrong):
+    view = multimodal.view(multimodal.Config(), label=0, n=n)
+    assert (np.linalg.norm(view.gaussian[0] - view.truth) > 1) == wrong  # m

@@ -6,6 +6,7 @@ from scipy import stats
 
 from sngr_utils import real_data
 from sngr_utils.experiments import real_stretch
+from sngr_utils.metrics.alignment import aligned_rmse
 from sngr_utils.slam.landmark_starts import start_landmarks
 from sngr_utils.world.dead_reckoning import dead_reckoning
 
@@ -213,3 +214,12 @@ def test_some_peers_are_lost_with_right_labels_and_truncated_squares_with_three_
     assert (squares[squares.index.get_level_values("p") < 0.5] < 0.3).all()
     assert squares["Plaza1", 0.6] > 5
     assert (rmse.loc["isam2"].xs(0.4, level="p") > 4).all()
+
+
+@pytest.mark.parametrize(("heading", "least", "most"), [("leaked", 1, 2), ("course", 5, 20)])
+def test_blind_driving_is_right_to_a_metre_or_two_with_the_heading_of_the_gps_only(
+    heading, least, most
+):
+    drive = real_data.recording("Plaza1", heading)
+    way = dead_reckoning(drive.log.x0_mean, drive.log.odometry)
+    assert least < aligned_rmse(way[:, :2], drive.truth.poses[:, :2]) < most

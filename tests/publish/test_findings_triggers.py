@@ -1,8 +1,11 @@
 """Sentences of notebook 06 about signs and orders, on stored results and on the worlds shown."""
 
+import re
+
 import numpy as np
 import pytest
 import stored_results
+from helpers import read_notebook
 from stored_results import value
 
 from sngr_utils import triggers
@@ -190,3 +193,14 @@ def test_all_four_quadrants_are_inhabited_and_some_failures_agree():
     right, above = rows["chi_square_robust"] > SURPRISE, rows["disagreement"] > 0.5
     assert len({*zip(right, above, strict=True)}) == 4
     assert (rows.loc[rows["failed"], "disagreement"] < 0.02).any()
+
+
+def test_the_clock_ranks_within_worlds_as_well_as_two_scores_and_the_disagreement_better():
+    """Exercise 3, by what its solution has printed, which nbval compares."""
+    (cell,) = (c for c in read_notebook("06_triggers").cells if "upside_down" in c.source
+               and c.cell_type == "code")  # fmt: skip
+    printed = cell.outputs[0]["text"]
+    within = dict(re.findall(r"(\w+): AUC [\d.]+ pooled, ([\d.]+) within", printed))
+    within = {name: float(area) for name, area in within.items()}
+    assert within["time"] >= within["upside_down"] > within["condition"] > 0.5
+    assert within["disagreement"] > within["time"] + 0.1
