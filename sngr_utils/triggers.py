@@ -51,6 +51,8 @@ class Config(ManyWorlds):
         for name in ("p_levels", "burst_levels"):
             if 0 in getattr(self, name):
                 raise ValueError(f"{name} is {getattr(self, name)}: clean worlds are there anyway")
+        if self.p_shifted == 0:
+            raise ValueError("p_shifted is 0: clean worlds are there anyway")
         if self.burst_poses > self.n_poses:
             raise ValueError(f"burst_poses is {self.burst_poses}: there are {self.n_poses} poses")
         return self

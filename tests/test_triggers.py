@@ -129,7 +129,7 @@ def test_tail_from_scratch_is_scipys(from_scratch, degrees):
 @pytest.mark.parametrize(
     ("name", "value"),
     [("p_levels", [0.1, 0.1]), ("p_levels", [0.0, 0.1]), ("burst_levels", []),
-     ("burst_poses", 31), ("nominal", 0.0), ("n_seeds", 1), ("first_seed", -1)],
+     ("burst_poses", 31), ("p_shifted", 0.0), ("nominal", 0.0), ("n_seeds", 1), ("first_seed", -1)],
 )  # fmt: skip
 def test_bad_parameters_are_named(name, value):
     with pytest.raises(ValueError, match=name):

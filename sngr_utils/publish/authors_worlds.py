@@ -34,6 +34,11 @@ def rows() -> pd.DataFrame:
     return pd.DataFrame([row for cell in cells for row in cell]).astype(float)
 
 
+def levels() -> list[float]:
+    """The p that the study has, from the least on."""
+    return sorted(rows()["p"].unique().tolist())
+
+
 def at(p: float) -> pd.DataFrame:
     """The worlds at one p, by their seeds."""
     return rows()[rows()["p"] == p].set_index("seed")
@@ -69,7 +74,7 @@ def holds() -> dict[str, np.ndarray]:
 
     What a single window gains is that of its most probable place, since that is its mean.
     """
-    level = {p: at(p) for p in sorted(rows()["p"].unique())}
+    level = {p: at(p) for p in levels()}
     clean, least, some, noisy, most = level.values()
     doubtful = [least, some, noisy]
     precise = pd.DataFrame({p: at(p)["hits"] / at(p)["fired"] for p in (0.2, 0.3, 0.4)})

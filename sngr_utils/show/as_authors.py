@@ -41,9 +41,16 @@ def printed_table() -> pd.DataFrame:
 
 def worlds_table(levels: Sequence[float]) -> pd.DataFrame:
     """What the trigger says over the worlds of the study, with 95 % intervals."""
+    levels = _studied(levels)
     found = [authors_worlds.measures(p) for p in levels]
     lines = [[shown, *(_cell(each[name]) for each in found)] for name, shown in WORLDS.items()]
     return pd.DataFrame(lines, columns=["", *(f"p = {p:g}" for p in levels)])
+
+
+def _studied(levels: Sequence[float]) -> list[float]:
+    """Those of the levels that the study has, or all that it has: it is of no parameter here."""
+    known = authors_worlds.levels()
+    return [p for p in levels if p in known] or known
 
 
 def _cell(each: Interval) -> cells.Cell:
@@ -52,6 +59,7 @@ def _cell(each: Interval) -> cells.Cell:
 
 def draw_worlds(axes: Sequence[Axes], levels: Sequence[float]) -> None:
     """Three panels against p: precision and base rates, recall, share of silent worlds."""
+    levels = _studied(levels)
     found = [authors_worlds.measures(p) for p in levels]
     right = [p > 0 for p in levels]  # on clean data few windows fail and few fire
     lines = [
