@@ -223,3 +223,14 @@ def test_blind_driving_is_right_to_a_metre_or_two_with_the_heading_of_the_gps_on
     drive = real_data.recording("Plaza1", heading)
     way = dead_reckoning(drive.log.x0_mean, drive.log.odometry)
     assert least < aligned_rmse(way[:, :2], drive.truth.poses[:, :2]) < most
+
+
+@pytest.mark.parametrize(("name", "least", "most"), [("Plaza1", 0.81, 0.86), ("Plaza2", 0.94, 1)])
+def test_lengths_in_the_files_are_those_of_the_gps_in_five_steps_of_six_and_nearly_all(
+    name, least, most
+):
+    reckoned, gps = (real_data.raw(name, file) for file in ("DRp", "GT"))
+    told, true = (np.hypot(*np.diff(path[:, 1:3], axis=0).T) for path in (reckoned, gps))
+    assert least < np.mean(np.abs(told - true) < 1e-4) < most  # m
+    if name == "Plaza1":
+        assert np.abs(reckoned[:, 3] - gps[:, 3]).max() < 1e-9  # and the headings are the GPS's
