@@ -11,10 +11,15 @@ from sngr_utils.show.style import PRESET_COLOURS, PRESET_MARKERS, WRONG_LABEL
 
 
 def legend_above(ax: Axes, ncols: int = 3) -> None:
-    """A legend above the panel, where it hides nothing; above half a column, in two columns."""
-    if ax.figure.get_figwidth() < 2:
+    """A legend above the panel, where it hides nothing; above half a column, in two columns.
+
+    In a figure of two columns its letters are larger, as a page that shows it shrinks it more.
+    """
+    wide = ax.figure.get_figwidth()
+    if wide < 2:
         ncols = min(ncols, 2)
-    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=ncols, fontsize=6,
+    size = 6.5 if wide > 6.5 else 6
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=ncols, fontsize=size,
               columnspacing=0.8, handlelength=1.5, handletextpad=0.2, borderpad=0.1)  # fmt: skip
 
 

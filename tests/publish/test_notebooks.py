@@ -83,10 +83,7 @@ def test_exercises_have_folded_solutions(name):
     assert text.count("<details>") == text.count("</details>") == len(solutions)
 
 
-TWO_LEVELS = {"10_real_data"}  # predicts twice and has neither a stub nor a project
-
-
-@pytest.mark.parametrize("name", sorted({*NAMES} - TWO_LEVELS))
+@pytest.mark.parametrize("name", NAMES)
 def test_exercises_are_predicted_completed_and_a_project(name):
     """The stub of the second answers nothing, and its solution is what an assert calls right."""
     cells = read_notebook(name).cells
