@@ -158,7 +158,7 @@ def main(arguments: list[str] | None = None) -> int:
         if work is _each:
             command.add_argument("names", nargs="+")
         if work is _estimate:
-            command.add_argument("file", help=".pyfg, .fg, a Plaza set, or a folder of tables")
+            command.add_argument("file", help=".pyfg, .fg, Plaza1, Plaza2 or a folder of tables")
             command.add_argument("--out", help="folder of what is written (default: the file's)")
             command.add_argument("--overwrite", action="store_true", help="replace what is there")
         if work is _original:
@@ -189,15 +189,24 @@ def _status(work: Callable[[argparse.Namespace], int], args: argparse.Namespace)
     """What a command returns; 1 for what it refuses, said in one line."""
     try:
         return work(args)
-    except (ProjectError, OSError, MemoryError) as error:
-        if _interrupted:
+    except (ProjectError, OSError, MemoryError, RuntimeError) as error:
+        told = _told(error)
+        if _interrupted or told is None:
             raise
-        told = str(error)
-        if not isinstance(error, ProjectError):  # the machine says no: a full disk, no permission
-            told = f"{_of_machine(error)}; published results are untouched"
         shown = (c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in told)
         print("error:", "".join(shown), file=sys.stderr)  # a name cannot command a terminal
         return 1
+
+
+def _told(error: Exception) -> str | None:
+    """What is said of a refusal; None for what is none."""
+    if isinstance(error, ProjectError):
+        return str(error)
+    if isinstance(error, RuntimeError):  # numba's, as a module begins that compiles anything
+        unkept = str(error).startswith("cannot cache function")
+        return "build/cache: compiled code cannot be kept there" if unkept else None
+    # the machine says no: a full disk, no permission
+    return f"{_of_machine(error)}; published results are untouched"
 
 
 def _workers(text: str) -> int:

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import ValidationError
 from tqdm import tqdm
 
-from sngr_utils.files import formats, tum
+from sngr_utils.files import formats, plaza, tum
 from sngr_utils.files.recording import Recording, named
 from sngr_utils.metrics.alignment import aligned_rmse, rigid
 from sngr_utils.robust import growing_map
@@ -23,13 +23,15 @@ from sngr_utils.slam.noise_estimation import RANGE, SOURCES
 from sngr_utils.world.dead_reckoning import dead_reckoning
 from sngr_utils.world.log import NO_LABEL, LogWarning
 
+SETS = ("Plaza1", "Plaza2")  # names of what the wheel has
+
 
 def run(path: Path, out: Path | None, overwrite: bool) -> None:
     """Estimate the log of a file; print a summary, write a trajectory and a picture.
 
     Parameters
     ----------
-    path : of a file or a folder that `formats.read` can read
+    path : of a file or a folder that `formats.read` can read, or the name of a Plaza set
     out : folder of what is written, made if need be; None for beside the input
     overwrite : whether files that are there may be replaced
 
@@ -39,7 +41,7 @@ def run(path: Path, out: Path | None, overwrite: bool) -> None:
     """
     with warnings.catch_warnings(record=True) as odd:
         warnings.simplefilter("always", LogWarning)
-        recording = _printable(formats.read(path))
+        recording = _printable(formats.read(_of_wheel(path)))
     if len(recording.log.ranges) and not recording.log.ranges.max() > 0:
         raise ValueError(f"{path}: no range is above zero")
     for text in dict.fromkeys(str(warning.message) for warning in odd):
@@ -56,6 +58,11 @@ def run(path: Path, out: Path | None, overwrite: bool) -> None:
     except OSError as error:
         raise ValueError(f"{places[0].parent}: {error.strerror or error}") from None
     print("\n".join([*summary(recording, grown), *(f"written: {place}" for place in places)]))
+
+
+def _of_wheel(path: Path) -> Path:
+    """Where the file is: a set of the wheel may be given by its name, if no file has it."""
+    return plaza.wheel(path.name) if str(path) in SETS and not path.exists() else path
 
 
 def _printable(recording: Recording) -> Recording:
@@ -159,6 +166,8 @@ def _places(path: Path, out: Path | None, overwrite: bool) -> tuple[Path, Path]:
 
 
 def _draw(path: Path, recording: Recording, grown: GrownMap) -> None:
+    import matplotlib.pyplot as plt
+
     from sngr_utils.show import grown_map
 
     log, soft, truth = recording.log, grown.soft, recording.truth
@@ -169,3 +178,4 @@ def _draw(path: Path, recording: Recording, grown: GrownMap) -> None:
     reckoned = dead_reckoning(log.x0_mean, log.odometry)
     fig = grown_map.picture(soft.poses, soft.landmarks, reckoned, true, grown.doubts)
     fig.savefig(path)
+    plt.close(fig)

@@ -8,7 +8,9 @@ import shutil
 import subprocess
 import sys
 
+import numba
 import pytest
+from numba.core import caching
 
 from sngr_utils import __main__ as command_line
 from sngr_utils import paths
@@ -423,6 +425,18 @@ def test_what_is_asked_wrongly_ends_in_one_line(asked, told, capsys):
     assert (said.out, said.err.count("\n")) == ("", 1)
     assert told in said.err
     assert all(c.isprintable() for c in said.err.strip())
+
+
+def test_a_project_where_compiled_code_cannot_be_kept_says_so(capsys, monkeypatch):
+    # as for a user who may write neither here nor into a home
+    monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
+
+    def compiles(args):
+        numba.njit(cache=True)(lambda x: x)
+
+    monkeypatch.setitem(command_line.COMMANDS, "check", (compiles, ""))
+    assert command_line.main(["check"]) == 1
+    assert capsys.readouterr().err == "error: build/cache: compiled code cannot be kept there\n"
 
 
 @pytest.mark.parametrize("jobs", ["0", "-1", "1e3", "2.0", "", "9" * 5000, "٣"])

@@ -1,12 +1,15 @@
 """The command `estimate`: what it prints and writes, and that it ends in one line."""
 
 from dataclasses import replace
+from pathlib import Path
 from threading import current_thread, main_thread
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 from sngr_utils import __main__ as command_line
+from sngr_utils import estimate_file
 from sngr_utils.files import pyfg, table_writer
 from sngr_utils.files.recording import Recording
 from sngr_utils.robust import growing_map
@@ -44,6 +47,24 @@ def test_a_hostile_file_ends_in_one_line(tmp_path, capsys, content):
     said = capsys.readouterr().err
     assert said.startswith(f"error: {path}")
     assert said.count("\n") == 1
+
+
+def test_a_plaza_set_goes_by_its_name_and_a_file_of_that_name_comes_first(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    given = []
+    monkeypatch.setattr(estimate_file, "_places", lambda *of: given.append(of) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        estimate_file.run(Path("Plaza2"), None, False)
+    assert given == [(Path("Plaza2"), None, False)]  # what is written stands here
+    Path("Plaza2").touch()
+    with pytest.raises(ValueError, match="Plaza2: neither one of"):
+        estimate_file.run(Path("Plaza2"), None, False)
+
+
+def test_no_picture_stays_open(log_file):
+    before = plt.get_fignums()
+    assert command_line.main(["estimate", str(log_file)]) == 0
+    assert plt.get_fignums() == before
 
 
 def test_what_only_the_estimator_can_refuse_names_the_file_too(log_file, capsys):

@@ -9,6 +9,7 @@ import numpy as np
 
 from sngr_utils.files.recording import Recording, frame_sigmas, named
 from sngr_utils.files.text import Line
+from sngr_utils.world.checks import SMALLEST
 from sngr_utils.world.dead_reckoning import dead_reckoning
 from sngr_utils.world.log import NO_LABEL, Log
 from sngr_utils.world.truth import Truth
@@ -50,7 +51,8 @@ class Graph:
         """
         known = getattr(self, kind)
         if name in known:
-            raise line.refuse(f"{name} again: first in line {known[name][0].number}")
+            shown = name if isinstance(name, str) else " to ".join(name)
+            raise line.refuse(f"{shown} again: first in line {known[name][0].number}")
         known[name] = (line, *values)
 
     def recording(self, vertices_are_true: bool) -> Recording:
@@ -193,8 +195,10 @@ def name_of(line: Line, name: str) -> str:
 def _sigmas(line: Line, covariance: np.ndarray) -> np.ndarray:
     if np.any(covariance != np.diag(np.diag(covariance))):
         raise line.refuse("a prior with correlations: a log has none")
-    with np.errstate(invalid="ignore"):  # a log takes no NaN
-        return np.sqrt(np.diag(covariance))
+    variances = np.diag(covariance)
+    if np.any(variances < SMALLEST**2):
+        raise line.refuse(f"a variance of a prior is {variances.min():g}: it must be positive")
+    return np.sqrt(variances)
 
 
 def _order(name: str) -> tuple[str, int]:

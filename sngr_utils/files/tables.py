@@ -13,6 +13,7 @@ import numpy as np
 
 from sngr_utils.files.recording import Recording, named
 from sngr_utils.files.text import Line, lines
+from sngr_utils.world.checks import SMALLEST
 from sngr_utils.world.log import NO_LABEL, Log
 from sngr_utils.world.truth import Truth
 
@@ -142,13 +143,22 @@ def _noise(odometry: Table) -> tuple[np.ndarray, np.ndarray]:
     return sigmas[0], (correlations * sigmas[:, :, None] * sigmas[:, None, :])[1:]
 
 
-def _check_times(truth: Table, times: np.ndarray) -> None:
-    """Refuse a true pose whose time is nearer to another pose than to that of its row."""
+def _check_times(table: Table, times: np.ndarray, poses: np.ndarray) -> None:
+    """Refuse a row whose time is nearer to another pose than to that which it is of.
+
+    Parameters
+    ----------
+    poses : of the rows; what is none is for the log to refuse
+    """
     middle = (times[1:] + times[:-1]) / 2
     first, last = np.append(-np.inf, middle), np.append(middle, np.inf)
-    for i, (row, time) in enumerate(zip(truth.rows, truth.numbers(["time_s"])[:, 0], strict=True)):
-        if not first[i] <= time <= last[i]:
-            raise row.refuse(f"time_s is {time:.10g}: odometry.csv has {times[i]:.10g} there")
+    there = (poses % 1 == 0) & (poses >= 0) & (poses < len(times))
+    index = np.where(there, poses, 0).astype(int)
+    given = table.numbers(["time_s"])[:, 0]
+    wrong = there & ~((first[index] <= given) & (given <= last[index]))
+    for i in np.flatnonzero(wrong)[:1]:
+        why = f"time_s is {given[i]:.10g}: odometry.csv has {times[index[i]]:.10g} there"
+        raise table.rows[i].refuse(why)
 
 
 def _names(landmarks: Table | None, ranges: Table) -> list[str]:
@@ -190,7 +200,10 @@ def _pose_of(ranges: Table, times: np.ndarray) -> np.ndarray:
     """(M,) pose of each range: the one it names, or the nearest in time."""
     last = len(times) - 1
     if "pose" in ranges.header:
-        return ranges.numbers(["pose"])[:, 0]
+        poses = ranges.numbers(["pose"])[:, 0]
+        if "time_s" in ranges.header:
+            _check_times(ranges, times, poses)
+        return poses
     if "time_s" not in ranges.header:
         raise ValueError(f"{ranges.path}: it must have a column time_s or pose")
     when = ranges.numbers(["time_s"])[:, 0]
@@ -230,7 +243,7 @@ def _calibration(table: Table | None) -> dict:
             raise row.refuse(f"quantity is {name[:40]!r}: {', '.join(FIXED)}, each at most once")
         mean = float(row.numbers(cells[:1])[0])
         sigma = math.inf if cells[1] == "inf" else float(row.numbers(cells[1:])[0])
-        if sigma < 0 or (name == "scale" and mean <= 0):
+        if not (sigma == 0 or sigma >= SMALLEST) or (name == "scale" and mean < SMALLEST):
             raise row.refuse(f"{name} has mean {mean:g} and sigma {sigma:g}: too small")
         found[name] = (mean, sigma)
     return {"scale": found["scale"], "offset": found["offset_m"]}
@@ -249,6 +262,6 @@ def _truth(
     if poses is not None and len(poses) != log.n_poses:
         raise ValueError(f"{truth.path}: {len(poses)} rows: odometry.csv has {log.n_poses}")
     if truth is not None and "time_s" in truth.header:
-        _check_times(truth, log.times)
+        _check_times(truth, log.times, np.arange(log.n_poses))
     source_of = _numbers_of(ranges, "source", names)[log.row_of] if sources else None
     return Truth(poses=poses, landmarks=known, source_of=source_of)

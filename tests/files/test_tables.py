@@ -179,6 +179,20 @@ def test_times_of_the_truth_are_those_of_the_poses(tmp_path, times, line):
         formats.read(folder)
 
 
+@pytest.mark.parametrize(("rows", "line"), [
+    ("1,11.2\n0,10.4\n", None), ("1,11.2\n0,10.6\n", 3), ("2,10.0\n", 2),
+    ("0,10.5\n1,10.5\n", None),
+])  # fmt: skip
+def test_a_range_that_names_a_pose_has_its_time(tmp_path, rows, line):
+    rows = "".join(f"{row},3.0,0.5,a\n" for row in rows.split())
+    folder = folder_of(tmp_path, ranges="pose,time_s,range_m,sigma_m,landmark\n" + rows)
+    if line is None:
+        assert len(formats.read(folder).log.ranges) == 2
+        return
+    with pytest.raises(ValueError, match=rf"ranges.csv:{line}: time_s is .*: odometry.csv has 1"):
+        formats.read(folder)
+
+
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_quotes_blank_lines_a_byte_order_mark_and_other_line_ends_do_no_harm(tmp_path, end):
     folder = folder_of(tmp_path)
@@ -224,7 +238,14 @@ def test_ranges_without_any_landmark_say_which_table_is_missing(tmp_path):
 
 @pytest.mark.parametrize(
     ("row", "why"),
-    [("scale,0,1", "scale has mean 0"), ("offset_m,0,-1", "sigma -1"), ("scale,inf,1", "'inf'")],
+    [
+        ("scale,0,1", "scale has mean 0"),
+        ("offset_m,0,-1", "sigma -1"),
+        ("scale,inf,1", "'inf'"),
+        ("scale,1,1e-300", "sigma 1e-300: too small"),
+        ("scale,1e-300,1", "mean 1e-300"),
+        ("offset_m,0,1e-21", "sigma 1e-21: too small"),
+    ],
 )
 def test_a_calibration_that_is_none_is_refused_by_line(tmp_path, row, why):
     text = f"quantity,mean,sigma\n{row}\n"
