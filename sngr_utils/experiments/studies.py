@@ -8,6 +8,7 @@ its cells again and fails if one differs.
 import hashlib
 import json
 import math
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -133,8 +134,10 @@ def run(
     text = "\n".join(["{", *lines, f' "rows": [\n  {cells}\n ]', "}", ""])
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}.json"
-    path.with_suffix(".part").write_text(text)
-    return path.with_suffix(".part").replace(path)
+    with tempfile.TemporaryDirectory(prefix=".", dir=folder) as aside:  # others may be as far
+        whole = Path(aside, path.name)
+        whole.write_text(text)
+        return whole.replace(path)
 
 
 def status(name: str, *, rows: Path = row_store.DEFAULT) -> tuple[int, int]:

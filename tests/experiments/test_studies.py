@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -45,6 +46,21 @@ def test_the_file_is_the_same_bytes_however_it_was_computed(toy, tmp_path, forke
         studies.committed("toy", folder=toy["folder"]).astype({"no": float}),
         studies.table("toy", rows=toy["rows"]),
     )
+
+
+def test_two_that_finish_at_once_write_the_same_file(toy, monkeypatch):
+    replace_file, seen = Path.replace, []
+
+    def after_the_other(path, target):
+        if not seen:
+            seen.append(path)
+            studies.run("toy", 1, **toy)  # all cells are kept: it is done at once
+        return replace_file(path, target)
+
+    monkeypatch.setattr(Path, "replace", after_the_other)
+    path = studies.run("toy", 1, **toy)
+    assert len(json.loads(path.read_text())["rows"]) == 300
+    assert list(toy["folder"].iterdir()) == [path]
 
 
 def check(toy):
