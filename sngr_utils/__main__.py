@@ -83,12 +83,12 @@ def _study(args) -> int:
 
     from sngr_utils.experiments import studies
 
-    try:
-        studies.named(args.name)
+    try:  # no such study, or what keeps its rows is spoiled
+        kept = studies.status(args.name)
     except ValueError as error:
         raise ProjectError(error) from error
     if args.status:
-        print("{} of {} cells are kept".format(*studies.status(args.name)))
+        print("{} of {} cells are kept".format(*kept))
         return 0
     where = nullcontext()
     if args.scheduler:

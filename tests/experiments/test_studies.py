@@ -145,3 +145,15 @@ def test_what_makes_no_workers_is_refused_in_a_line(capsys, monkeypatch, options
         found = ended.code
     assert found == status
     assert why in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("options", [[], ["--status"]])
+def test_a_spoiled_store_of_rows_is_named_in_a_line(toy, capsys, monkeypatch, options):
+    toy["rows"].write_text("garbage\n" * 200)
+    for command in (studies.status, studies.run):
+        monkeypatch.setitem(command.__kwdefaults__, "rows", toy["rows"])
+    assert command_line.main(["study", "toy", *options]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith(f"error: {toy['rows']} is no store of rows")
+    assert said.endswith("remove it\n")
+    assert said.count("\n") == 1
