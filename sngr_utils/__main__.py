@@ -99,7 +99,7 @@ def _study(args) -> int:
         except (ImportError, ValueError) as error:  # it is an extra; no address
             raise ProjectError(f"--scheduler {args.scheduler}: {error}") from error
     backend = "dask" if args.scheduler else "loky"
-    with where, joblib.parallel_config(backend=backend):
+    with where, joblib.parallel_config(backend=backend, n_jobs=-1):
         print(f"written: {studies.run(args.name, args.jobs)}")
     return 0
 

@@ -8,12 +8,14 @@ import shutil
 import subprocess
 import sys
 
+import joblib
 import numba
 import pytest
 from numba.core import caching
 
 from sngr_utils import __main__ as command_line
 from sngr_utils import paths
+from sngr_utils.experiments import studies
 
 SCRIPTS = paths.ROOT / "scripts"
 STUB = """#!/bin/sh
@@ -444,3 +446,17 @@ def test_a_number_of_workers_is_one_that_a_machine_may_have(jobs, capsys):
     with pytest.raises(SystemExit, match="2"):
         command_line.main(["study", "every_world", "--jobs", jobs])
     assert "argument --jobs" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("asked", "workers"), [([], -1), (["--jobs", "1"], 1)])
+def test_a_study_has_all_cores_unless_it_is_told_otherwise(monkeypatch, asked, workers):
+    found = []
+
+    def run(name, jobs):
+        found.append(joblib.effective_n_jobs(jobs))
+        return "there"
+
+    monkeypatch.setattr(studies, "run", run)
+    monkeypatch.setattr(studies, "status", lambda name: (0, 1))
+    command_line.main(["study", "goats", *asked])
+    assert found == [joblib.effective_n_jobs(workers)]
