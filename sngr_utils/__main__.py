@@ -16,6 +16,7 @@ from collections.abc import Callable
 from sngr_utils.publish.notebooks import ProjectError
 
 UNTOUCHED = "interrupted: published results are untouched"
+ENDS = (signal.SIGINT, signal.SIGTERM)  # signals that end a command
 _interrupted = []  # times of signals: after one, any exception is a consequence of it
 
 
@@ -171,18 +172,21 @@ def main(arguments: list[str] | None = None) -> int:
             command.add_argument("--scheduler", help="address of a dask scheduler")
             command.add_argument("--status", action="store_true", help="only say how far it is")
     args = parser.parse_args(arguments)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, _interrupt)
+    before = {number: signal.signal(number, _interrupt) for number in ENDS}
     try:
         return _status(COMMANDS[args.command][0], args)
     except BaseException:
         if not _interrupted:
             raise
-        for number in (signal.SIGINT, signal.SIGTERM):  # who presses again stops no farewell
+        for number in ENDS:  # who presses again stops no farewell
+            before[number] = signal.SIG_IGN
             signal.signal(number, signal.SIG_IGN)
         logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # no traceback of the lost kernel
         print(UNTOUCHED, file=sys.stderr)
         return 130
+    finally:  # what a caller forks later would not end when asked to
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _status(work: Callable[[argparse.Namespace], int], args: argparse.Namespace) -> int:

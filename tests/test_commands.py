@@ -5,6 +5,7 @@ A stub writes a line to a log, and fails if the environment variable FAIL is par
 
 import runpy
 import shutil
+import signal
 import subprocess
 import sys
 
@@ -460,3 +461,11 @@ def test_a_study_has_all_cores_unless_it_is_told_otherwise(monkeypatch, asked, w
     monkeypatch.setattr(studies, "status", lambda name: (0, 1))
     command_line.main(["study", "goats", *asked])
     assert found == [joblib.effective_n_jobs(workers)]
+
+
+def test_a_command_leaves_signals_as_it_found_them(monkeypatch):
+    """A process forked later, which inherits its handlers, ends when it is asked to."""
+    before = [signal.getsignal(number) for number in command_line.ENDS]
+    monkeypatch.setitem(command_line.COMMANDS, "check", (lambda args: 0, ""))
+    assert command_line.main(["check"]) == 0
+    assert [signal.getsignal(number) for number in command_line.ENDS] == before
