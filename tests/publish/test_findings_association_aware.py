@@ -156,12 +156,12 @@ def test_with_nets_exclusion_is_missed_most_and_without_them_ten_worlds_tell_no_
 
 def test_slips():
     ours, trusting, batch = (worlds(f"online.slip.{m}.rmse") for m in (NAME, "trusting", BATCH))
-    assert summaries.sign_test(ours - trusting)[:2] == (20, 0)
-    assert 0.45 < np.median(ours / trusting) < 0.55  # better by half
+    assert summaries.sign_test(ours - trusting)[:2] == (19, 1)
+    assert 0.62 < np.median(ours / trusting) < 0.7  # better by a third
     lost = {m: np.sum(worlds(f"online.slip.{m}.ratio") > 1.5) for m in (NAME, "trusting", BATCH)}
     assert lost[BATCH] == lost[NAME] == 0 < lost["trusting"]
     between = interval(ours / batch)
-    assert (round(between.low, 2), round(between.high, 2)) == (0.69, 1.03)
+    assert (round(between.low, 2), round(between.high, 2)) == (0.72, 1.03)
 
 
 def test_in_worlds_of_other_kinds_the_middle_one_is_at_the_oracle_but_where_something_is_hidden():
@@ -227,7 +227,7 @@ def test_of_all_constants_two_matter_and_both_where_odometry_slips():
     world = ["kind", "p", "seed"]
     base = rows[rows["constant"] == ""].set_index(world)["final"]
     changed = rows[rows["constant"] != ""].set_index(world)
-    assert (len(base), changed["constant"].nunique()) == (6, 60)
+    assert (len(base), changed["constant"].nunique()) == (6, 63)
     moved = changed[np.abs(np.log(changed["final"] / base.reindex(changed.index))) > 0.01]
     assert set(moved["constant"]) == {"belief.LOOSE", "belief.TURNED"}
     assert set(moved.index.get_level_values("kind")) == {"slip 5 m"}
