@@ -179,7 +179,6 @@ def main(arguments: list[str] | None = None) -> int:
         if not _interrupted:
             raise
         for number in ENDS:  # who presses again stops no farewell
-            before[number] = signal.SIG_IGN
             signal.signal(number, signal.SIG_IGN)
         logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # no traceback of the lost kernel
         print(UNTOUCHED, file=sys.stderr)
@@ -235,4 +234,8 @@ def _interrupt(signum, frame):
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    status = main()
+    if status == 130:
+        for number in ENDS:  # who presses again stops no farewell
+            signal.signal(number, signal.SIG_IGN)
+    sys.exit(status)

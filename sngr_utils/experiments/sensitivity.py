@@ -10,7 +10,7 @@ from types import ModuleType
 
 from sngr_utils import online
 from sngr_utils.experiments import every_world
-from sngr_utils.robust import diagnosis, mirrors, misfit
+from sngr_utils.robust import diagnosis, mirrors, misfit, naming
 
 FACTORS = (0.5, 2.0)
 KINDS = (("circle", 0.3), ("reach 5 m", 0.3), ("slip 5 m", 0.3))
@@ -45,7 +45,7 @@ def _set_by(module: ModuleType) -> list[str]:
 def _modules() -> dict[str, ModuleType]:
     names = [info.name for info in pkgutil.iter_modules(online.__path__)]
     found = {name: importlib.import_module(f"{online.__name__}.{name}") for name in names}
-    return found | {"diagnosis": diagnosis, "mirrors": mirrors, "misfit": misfit}
+    return found | {"diagnosis": diagnosis, "mirrors": mirrors, "misfit": misfit, "naming": naming}
 
 
 def cells(seeds: range) -> list[tuple]:

@@ -221,7 +221,10 @@ class Online:
         self.filtered.append(self._newest() if settings.soft else belief.poses[-1])
 
     def _newest(self) -> np.ndarray:
-        """(3,) newest pose, the mean over the sides that the window leaves open, [m, m, rad]."""
+        """(3,) newest pose, the mean over the sides that the window leaves open, [m, m, rad].
+
+        Up to 64 estimates of the window, as long as six landmarks are in doubt.
+        """
         belief = self.belief
         asked = belief.in_doubt & belief.present
         chain = belief.chain(belief.landmarks)
@@ -391,15 +394,15 @@ class Online:
         before, other = best, min([best, *sides], key=lambda one: one.cost)
         if settings.restart and other.cost < best.cost - BETTER:
             best = other
+        turned = belief.counts["landmarks turned over"]
         self._adopt(best.log, told, best.found)
         others += other_sources.with_another_source(
             belief, best, told, self._fit, settings.exclusive
         )
         other = min([best, *others], key=lambda one: one.cost)
         if settings.restart and other.cost < best.cost - BETTER:
-            best = other
+            best, turned = other, belief.counts["landmarks turned over"]
             self._adopt(best.log, told, best.found)
-        turned = belief.counts["landmarks turned over"]
         for one in (before, *sides):
             if one.cost < best.cost + diagnosis.LEAST_RIVAL:
                 belief.in_doubt |= mirrors.elsewhere(best.found, one.found)

@@ -12,7 +12,7 @@ from sngr_utils.online.rivals import Fit, Rival, rival
 from sngr_utils.robust import association, mutual_exclusion
 
 PLAUSIBLE = 0.01  # posterior of another source of a range, for it to be tried
-CHOICES, TRIED = 50, 5  # ranges that are given to another source, and estimates made of them
+CHOICES, TRIED = 50, 5  # other sources that are tried, and estimates made of them
 
 
 def with_another_source(

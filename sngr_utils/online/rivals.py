@@ -146,10 +146,13 @@ def from_nothing(
     told : (T-1, 3, 3) covariances of its steps as measured; where those of the log are others, the
         estimate has it that they slipped
     """
-    return [rival(each, told, blind(each, fit, poses, known)) for each in _with_less(log, told)]
+    return [
+        rival(each, told, blind(each, fit, poses, known))
+        for each in _with_and_without_slips(log, told)
+    ]
 
 
-def _with_less(log: Log, told: np.ndarray) -> list[Log]:
+def _with_and_without_slips(log: Log, told: np.ndarray) -> list[Log]:
     """The log, and it without its slips if it has any."""
     slipped = (log.odometry_covariances != told).any()
     return [log, log.with_covariances(told)] if slipped else [log]
@@ -169,7 +172,7 @@ def against(
     found += from_nothing(log, told, fit, ours.poses, ours.landmarks)
     if by_slips:
         best = min(found, key=lambda one: one.cost)
-        *slipped, plain = _with_less(log, told)
+        *slipped, plain = _with_and_without_slips(log, told)
         asked = slipped or diagnosis.may_have_slipped(best.log, told, best.found)
         found += with_a_slip(plain, fit, bool(asked))
     return found

@@ -5,10 +5,10 @@ bends are estimated with the landmarks. So it takes several landmarks changed to
 path estimated anew for each choice of sides, to find the second place.
 
 The model takes every way for as likely as any other, so bends that noise alone suggests speak for
-a choice of sides. On a way that is exactly straight that is an illusion: the true choice is as
-likely to be the worst as the best (study `every_world`, column ``sides_likelier``). Where it bends
-enough to decide, the odds are far larger. So no odds below `DECIDED` decide a side, and the poses
-are the mean over all that are open, weighed by the square root of their odds.
+a choice of sides. On a way that is exactly straight that is an illusion: the true choice stands
+anywhere among the others (study `every_world`, column ``sides_likelier``). Where it bends enough
+to decide, the odds are far larger. So no odds below `DECIDED` decide a side, and the poses
+are the mean over all of up to `MOST` that are open, weighed by the square root of their odds.
 """
 
 from collections.abc import Callable
@@ -122,7 +122,10 @@ def choices(
         places[list(some)] = images[list(some)]
         cost, path, places = settled(places)
         sides = np.linalg.norm(places - landmarks, axis=1) > far
-        return found.setdefault(sides.tobytes(), Turned(cost - least, path, places, sides))
+        known = found.get(sides.tobytes())
+        if known is None or cost - least < known.cost:
+            known = found[sides.tobytes()] = Turned(cost - least, path, places, sides)
+        return known
 
     alone = {k: tried((k,)) for k in np.flatnonzero(asked & np.isfinite(images[:, 0]))}
     near = [k for k, one in alone.items() if one.sides[k] and one.cost < DECIDED]
@@ -130,7 +133,9 @@ def choices(
     for n in range(2, len(near) + 1):
         for some in combinations(near, n):
             tried(some)
-    open_ = [one for one in found.values() if one.sides.any() and one.cost < DECIDED]
+    best = min(one.cost for one in found.values()) if found else 0.0
+    most = min(best, 0.0) + DECIDED
+    open_ = [one for one in found.values() if one.sides.any() and one.cost < most]
     return sorted(open_, key=lambda one: one.cost)
 
 

@@ -16,29 +16,34 @@ FORBIDDEN = 1e9  # nats
 
 def named(log: Log, soft: SoftEstimate) -> np.ndarray:
     """(K, 2) landmarks in the order in which they agree best with labels; surveyed ones stay."""
-    if np.isfinite(log.landmark_sigmas).any():
-        return soft.landmarks
-    found, names = optimize.linear_sum_assignment(_agreeing(log, soft), maximize=True)
-    return soft.landmarks[found[np.argsort(names)]]
+    free = np.flatnonzero(~np.isfinite(log.landmark_sigmas))
+    agreeing = _agreeing(log, soft)[np.ix_(free, free)]
+    found, names = optimize.linear_sum_assignment(agreeing, maximize=True)
+    landmarks = soft.landmarks.copy()
+    landmarks[free] = soft.landmarks[free[found[np.argsort(names)]]]
+    return landmarks
 
 
 def names_open(log: Log, soft: SoftEstimate) -> np.ndarray:
     """(K,) bool, landmarks that are called otherwise in a naming that is hardly less likely.
 
     A label that agrees is likelier than one that does not by the odds of a right label to one of
-    the wrong ones. Where no range has a label, names mean nothing, and none is open.
+    the wrong ones. Where no range has a label, names mean nothing, and none is open; nor is that of
+    one that is surveyed.
     """
     n, wrong = log.n_landmarks, soft.shares.wrong
     told = log.label_probabilities is not None or (log.label_of != NO_LABEL).any()
-    if n < 2 or not told or np.isfinite(log.landmark_sigmas).any():
-        return np.zeros(n, dtype=bool)
-    agreeing = _agreeing(log, soft) * max(np.log((1 - wrong) * (n - 1) / wrong), 0.0)
-    gaps = np.empty(n)
-    for k in range(n):
+    free, is_open = np.flatnonzero(~np.isfinite(log.landmark_sigmas)), np.zeros(n, dtype=bool)
+    if len(free) < 2 or not told:
+        return is_open
+    agreeing = _agreeing(log, soft)[np.ix_(free, free)]
+    agreeing *= max(np.log((1 - wrong) * (n - 1) / wrong), 0.0)
+    for i, k in enumerate(free):
         others = agreeing.copy()
-        others[k, k] = -FORBIDDEN
-        gaps[k] = np.trace(agreeing) - others[optimize.linear_sum_assignment(-others)].sum()
-    return gaps < NAMED
+        others[i, i] = -FORBIDDEN
+        gap = np.trace(agreeing) - others[optimize.linear_sum_assignment(-others)].sum()
+        is_open[k] = gap < NAMED
+    return is_open
 
 
 def _agreeing(log: Log, soft: SoftEstimate) -> np.ndarray:

@@ -51,5 +51,15 @@ def test_where_nothing_has_a_label_or_all_is_surveyed_no_name_is_open():
     assert naming.names_open(log, soft).all()
     bare = log._with(label_of=np.full(len(log.ranges), NO_LABEL))
     assert not naming.names_open(bare, soft).any()
-    known = log._with(landmark_sigmas=np.array([0.1, np.nan, np.nan]))
+    known = log._with(landmark_sigmas=np.full(3, 0.1))
     assert not naming.names_open(known, soft).any()
+
+
+def test_a_surveyed_landmark_keeps_its_name_and_the_others_may_exchange_theirs():
+    log, soft = labelled([[2, 4, 4], [4, 1, 6], [4, 6, 1]])
+    known = log._with(landmark_sigmas=np.array([0.1, np.nan, np.nan]))
+    soft = replace(soft, landmarks=np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+    assert np.array_equal(naming.named(known, soft), soft.landmarks[[0, 2, 1]])
+    log, soft = labelled(np.full((3, 3), 4))
+    known = log._with(landmark_sigmas=np.array([0.1, np.nan, np.nan]))
+    assert naming.names_open(known, soft).tolist() == [False, True, True]
