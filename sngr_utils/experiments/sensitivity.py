@@ -19,7 +19,7 @@ PROBABILITIES = (
     "RESOLVED", "ENOUGH_MASS", "LIKELY", "FEWEST_USED", "OPEN", "EXPLAINED", "POSSIBLE",
     "MOST_UNEXPLAINED",
 )  # fmt: skip
-FIXED = ("DROPPED",)  # a name for no landmark
+FIXED = ("DROPPED", "FORBIDDEN")  # a name for no landmark, and what is beyond all odds
 COMPILED = ("window",)  # whose numbers stand in compiled code, where a change is not noticed
 
 
