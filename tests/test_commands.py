@@ -449,7 +449,7 @@ def test_a_number_of_workers_is_one_that_a_machine_may_have(jobs, capsys):
     assert "argument --jobs" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("asked", "workers"), [([], -1), (["--jobs", "1"], 1)])
+@pytest.mark.parametrize(("asked", "workers"), [([], 7), (["--jobs", "1"], 1)])
 def test_a_study_has_all_cores_unless_it_is_told_otherwise(monkeypatch, asked, workers):
     found = []
 
@@ -459,8 +459,9 @@ def test_a_study_has_all_cores_unless_it_is_told_otherwise(monkeypatch, asked, w
 
     monkeypatch.setattr(studies, "run", run)
     monkeypatch.setattr(studies, "status", lambda name: (0, 1))
+    monkeypatch.setattr(joblib._parallel_backends, "cpu_count", lambda *of, **options: 7)
     command_line.main(["study", "goats", *asked])
-    assert found == [joblib.effective_n_jobs(workers)]
+    assert found == [workers]
 
 
 def test_a_command_leaves_signals_as_it_found_them(monkeypatch):

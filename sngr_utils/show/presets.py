@@ -20,7 +20,7 @@ FIELDS = {
     "x0_sigmas": "prior on the first pose: sigmas [m, m, rad]",
     "landmark_prior_sigma": "weak prior on a landmark: sigma [m]",
     "relinearize_threshold": "relinearised: variables that moved by more than",
-    "relinearize_skip": "looked for at every n-th update, n",
+    "relinearize_skip": "variables to relinearise: looked for at every n-th update, n",
     "nees_frame": "frame of the covariance in the NEES",
 }
 

@@ -222,7 +222,10 @@ def test_few_err_by_far_more_than_they_say_and_all_of_those_doubt_it():
 
 
 def test_of_all_constants_two_matter_and_both_where_odometry_slips():
-    """The supplement's table has the worst of two worlds; here each world is held to itself."""
+    """Of a circle, a short reach and a slip: roads, where sides are open, are not among them.
+
+    The supplement's table has the worst of two worlds; here each world is held to itself.
+    """
     rows = studies.committed("sensitivity")
     world = ["kind", "p", "seed"]
     base = rows[rows["constant"] == ""].set_index(world)["final"]
