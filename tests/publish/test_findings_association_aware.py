@@ -230,7 +230,7 @@ def test_of_all_constants_two_matter_and_both_where_odometry_slips():
     world = ["kind", "p", "seed"]
     base = rows[rows["constant"] == ""].set_index(world)["final"]
     changed = rows[rows["constant"] != ""].set_index(world)
-    assert (len(base), changed["constant"].nunique()) == (6, 63)
+    assert (len(base), changed["constant"].nunique()) == (6, 64)
     moved = changed[np.abs(np.log(changed["final"] / base.reindex(changed.index))) > 0.01]
     assert set(moved["constant"]) == {"belief.LOOSE", "belief.TURNED"}
     assert set(moved.index.get_level_values("kind")) == {"slip 5 m"}
