@@ -178,7 +178,8 @@ def main(arguments: list[str] | None = None) -> int:
     except BaseException:
         if not _interrupted:
             raise
-        for number in ENDS:  # who presses again stops no farewell
+        for number in ENDS:  # who presses again stops no farewell, nor the end after it
+            before[number] = signal.SIG_IGN
             signal.signal(number, signal.SIG_IGN)
         logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # no traceback of the lost kernel
         print(UNTOUCHED, file=sys.stderr)
@@ -236,6 +237,7 @@ def _interrupt(signum, frame):
 if __name__ == "__main__":
     status = main()
     if status == 130:
-        for number in ENDS:  # who presses again stops no farewell
+        for number in ENDS:  # who presses again stops no farewell, nor the end after it
+            before[number] = signal.SIG_IGN
             signal.signal(number, signal.SIG_IGN)
     sys.exit(status)
