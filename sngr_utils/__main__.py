@@ -235,9 +235,4 @@ def _interrupt(signum, frame):
 
 
 if __name__ == "__main__":
-    status = main()
-    if status == 130:
-        for number in ENDS:  # who presses again stops no farewell, nor the end after it
-            before[number] = signal.SIG_IGN
-            signal.signal(number, signal.SIG_IGN)
-    sys.exit(status)
+    sys.exit(main())
