@@ -121,21 +121,26 @@ def execute(name: str, params: dict[str, Any], folder: Path) -> float:
         raise ProjectError(f"{name}: the kernel did not start: {error}; {UNTOUCHED}") from error
     executed = json.loads(output.read_text(encoding="utf-8"))
     tidy(executed)
-    _note_others(folder / f"{name}.timings.json", executed, quiet.others(before, quiet.read()))
+    _note_others(folder / f"{name}.timings.json", quiet.others(before, quiet.read()))
     write_notebook(output, executed)
     seconds = time.perf_counter() - started
     write_json(folder / SECONDS, {"seconds": seconds})
     return seconds
 
 
-def _note_others(clocks: Path, notebook: dict, share: float) -> None:
-    """Write beside times, and into the notebook that shows them, how busy the machine was."""
+def _note_others(clocks: Path, share: float) -> None:
+    """Write beside times how busy the machine was."""
     if clocks.exists():
-        notebook["metadata"][OTHERS] = round(share, 3)
         times = read_json(clocks)
-        key = f"clock.{clocks.name.split('.')[0]}.{OTHERS}"
-        times["values"][key] = {"value": share, "format": ".0%", "unit": "", "n": 1}
+        times["values"][others_key(clocks)] = {
+            "value": share, "format": ".0%", "unit": "", "n": 1
+        }  # fmt: skip
         write_json(clocks, times)
+
+
+def others_key(clocks: Path) -> str:
+    """Of the share of the machine that others had, among the values of a file of times."""
+    return f"clock.{clocks.name.split('.')[0]}.{OTHERS}"
 
 
 def tidy(notebook: dict) -> None:

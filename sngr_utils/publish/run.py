@@ -123,6 +123,10 @@ def refresh(name: str) -> None:
     stored, executed = json.loads(before), execution.code_cells(run / f"{name}.ipynb")
     execution.tidy(stored)
     stored["metadata"] = json.loads((run / f"{name}.ipynb").read_text("utf-8"))["metadata"]
+    clocks = run / f"{name}.timings.json"
+    if clocks.exists():
+        share = read_json(clocks)["values"][execution.others_key(clocks)]["value"]
+        stored["metadata"][execution.OTHERS] = round(share, 3)
     ours = [cell for cell in stored["cells"] if cell["cell_type"] == "code"]
     for number, (cell, done) in enumerate(zip(ours, executed, strict=True), start=1):
         cell["outputs"], cell["execution_count"] = done["outputs"], number
