@@ -10,8 +10,6 @@ from dataclasses import dataclass
 
 import psutil
 
-MOST = 0.1  # of the machine's time, that others may have had while stored times were taken
-
 
 @dataclass(frozen=True)
 class Reading:

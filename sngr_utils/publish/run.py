@@ -122,7 +122,6 @@ def refresh(name: str) -> None:
         )
     stored, executed = json.loads(before), execution.code_cells(run / f"{name}.ipynb")
     execution.tidy(stored)
-    stored["metadata"] = json.loads((run / f"{name}.ipynb").read_text("utf-8"))["metadata"]
     clocks = run / f"{name}.timings.json"
     if clocks.exists():
         share = read_json(clocks)["values"][execution.others_key(clocks)]["value"]

@@ -5,8 +5,9 @@ from helpers import read_notebook
 from stored_results import value
 
 from sngr_utils import paths
-from sngr_utils.publish import files, notebooks, quiet
+from sngr_utils.publish import files, notebooks
 
+MOST_BUSY = 0.1  # of the machine's time, that others may have had meanwhile
 MOST_ERROR = 0.1  # standard error of a ratio of times, over the ratio
 STORED = {name: read_notebook(name) for name in notebooks.names()}
 TIMED = [
@@ -33,7 +34,7 @@ def test_stored_times_were_taken_on_a_quiet_machine(name):
     A failure says: execute this notebook alone, nothing else running, and store it again.
     """
     share = value(f"clock.{name}.others")
-    assert share < quiet.MOST
+    assert share < MOST_BUSY
     assert STORED[name].metadata["others"] == round(share, 3)
 
 

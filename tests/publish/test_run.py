@@ -561,6 +561,20 @@ def test_quick_and_refresh(project):
     assert (project / f"notebooks/{NAME}.ipynb").read_bytes() == content
 
 
+def test_a_notebook_that_is_stored_says_how_busy_the_machine_was_if_it_hands_on_times(project):
+    """The executed one does not: the same inputs give the same bytes."""
+    clocks = (
+        f'clocks = {{"notebook": "{NAME}", "values": {{}}, "tables": {{}}}}\n'
+        f'Path(output_dir, "{NAME}.timings.json").write_text(json.dumps(clocks))'
+    )
+    write_notebook(project, declared_cell(project), light_body(), clocks)
+    run.refresh(NAME)
+    found = nbformat.read(project / f"notebooks/{NAME}.ipynb", as_version=4).metadata
+    assert 0 <= found.others <= 1
+    (ran,) = paths.RUNS.glob(f"{NAME}.*/{NAME}.ipynb")
+    assert "others" not in nbformat.read(ran, as_version=4).metadata
+
+
 @pytest.mark.parametrize("times", [1, 50])
 def test_interrupt_leaves_with_a_message(times):
     """SIGINT to a running command, and more at once: a sentence, status 130, no traceback."""
