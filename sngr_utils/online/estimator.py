@@ -227,6 +227,8 @@ class Online:
         """
         belief = self.belief
         asked = belief.in_doubt & belief.present
+        if not asked.any():
+            return belief.poses[-1]
         chain = belief.chain(belief.landmarks)
         others = mirrors.choices(chain, belief.poses, belief.landmarks, asked, belief.settled)
         return mirrors.over_sides(belief.poses, others, len(asked)).poses[-1]
@@ -387,21 +389,17 @@ class Online:
         ours = rivals.rival(log, told, self._fit(log, (poses, belief.landmarks), 1.0))
         by_slips = settings.restart and settings.doubt_odometry and log.n_poses <= 2 * WINDOW
         others = rivals.against(log, told, ours.found, self._fit, by_slips)
-        best = min([ours, *others], key=lambda one: one.cost) if settings.restart else ours
-        if best.cost > ours.cost - BETTER:
-            best = ours
-        sides = rivals.on_other_sides(told, best, self._fit)
-        before, other = best, min([best, *sides], key=lambda one: one.cost)
-        if settings.restart and other.cost < best.cost - BETTER:
-            best = other
+        before = self._likelier(ours, others)
+        sides = rivals.on_other_sides(told, before, self._fit)
+        best = self._likelier(before, sides)
         turned = belief.counts["landmarks turned over"]
         self._adopt(best.log, told, best.found)
         others += other_sources.with_another_source(
             belief, best, told, self._fit, settings.exclusive
         )
-        other = min([best, *others], key=lambda one: one.cost)
-        if settings.restart and other.cost < best.cost - BETTER:
-            best, turned = other, belief.counts["landmarks turned over"]
+        last = self._likelier(best, others)
+        if last is not best:
+            best, turned = last, belief.counts["landmarks turned over"]
             self._adopt(best.log, told, best.found)
         for one in (before, *sides):
             if one.cost < best.cost + diagnosis.LEAST_RIVAL:
@@ -418,6 +416,11 @@ class Online:
         log, _, poses, _ = belief.whole()
         settled = self._fit(log, (poses, belief.landmarks), 1.0)
         return rivals.rival(log, told, settled), max(gap, 0.0)
+
+    def _likelier(self, ours: rivals.Rival, others: list[rivals.Rival]) -> rivals.Rival:
+        """The likeliest of all, if it is better than ours and may be adopted; else ours."""
+        best = min([ours, *others], key=lambda one: one.cost)
+        return best if self.settings.restart and best.cost < ours.cost - BETTER else ours
 
     def _vague(self) -> np.ndarray:
         """(K,) bool, landmarks that are nowhere well enough to tell their ranges from others'."""
