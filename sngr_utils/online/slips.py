@@ -1,7 +1,7 @@
 """Steps of the odometry that are no longer trusted, and where the robot is then.
 
-The estimator is not told that its wheels may slip. A scan of which most ranges contradict the
-prediction raises the question. The answers are hypotheses: the newest step has slipped, or the
+The estimator is not told that its wheels may slip. A scan of which half the ranges contradict
+the prediction raises the question. The answers are hypotheses: the newest step has slipped, or the
 robot has turned a step before, or both, or the last slip led elsewhere. Each is localised anew in
 the known map, by all scans since, and the evidence decides.
 """
@@ -143,8 +143,8 @@ def _believe(
 
 
 def _contradicted(belief: Belief, found: data_association.Innovations, scan: np.ndarray) -> bool:
-    """Do most ranges of a scan miss the landmark of their label?"""
-    return np.mean(found.squared[scan, belief.log.label_of[scan]] < data_association.GATE) < 0.5
+    """Do half of a scan's ranges miss the landmark of their label?"""
+    return np.mean(found.squared[scan, belief.log.label_of[scan]] < data_association.GATE) <= 0.5
 
 
 def _last_good(belief: Belief) -> int:
