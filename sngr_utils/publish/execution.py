@@ -27,6 +27,10 @@ QUIET_KERNEL = ["--log-level=50"]  # no remarks about its transport or its end
 SECONDS = "seconds.json"  # how long an execution took, beside it
 INJECTED = "injected-parameters"  # papermill's tag of the cell that it adds
 OTHERS = "others"  # had this share of the machine meanwhile: of a notebook that hands on times
+# Linear algebra by other kernels, or in threads, sums in another order, and where a last digit
+# decides a sampler goes another way. A kernel gets these, whoever starts it.
+ARITHMETIC = ("OPENBLAS_", "MKL_", "OMP_", "KMP_", "BLIS_")
+ALIKE = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONHASHSEED": "0"}
 
 
 def run_of(name: str, params: dict[str, Any]) -> Path:
@@ -97,18 +101,19 @@ def execute(name: str, params: dict[str, Any], folder: Path) -> float:
     where, started = os.path.relpath(folder, paths.NOTEBOOKS), time.perf_counter()
     before = quiet.read()
     try:
-        papermill.execute_notebook(
-            paths.NOTEBOOKS / f"{name}.ipynb",
-            output,
-            parameters={**params, notebooks.OUTPUT_DIR: where},
-            kernel_name="python3",
-            language="python",
-            cwd=paths.NOTEBOOKS,
-            progress_bar=bar,
-            autosave_cell_every=0,
-            coalesce_streams=True,
-            extra_arguments=QUIET_KERNEL,
-        )
+        with same_arithmetic():
+            papermill.execute_notebook(
+                paths.NOTEBOOKS / f"{name}.ipynb",
+                output,
+                parameters={**params, notebooks.OUTPUT_DIR: where},
+                kernel_name="python3",
+                language="python",
+                cwd=paths.NOTEBOOKS,
+                progress_bar=bar,
+                autosave_cell_every=0,
+                coalesce_streams=True,
+                extra_arguments=QUIET_KERNEL,
+            )
     except PapermillExecutionError as error:
         shown = os.path.relpath(output, paths.ROOT)
         raise ProjectError(
@@ -126,6 +131,21 @@ def execute(name: str, params: dict[str, Any], folder: Path) -> float:
     seconds = time.perf_counter() - started
     write_json(folder / SECONDS, {"seconds": seconds})
     return seconds
+
+
+@contextmanager
+def same_arithmetic() -> Iterator[None]:
+    """What is started meanwhile computes the same digits, whatever the user's variables say."""
+    theirs = dict(os.environ)
+    for name in theirs:
+        if name.startswith(ARITHMETIC):
+            del os.environ[name]
+    os.environ.update(ALIKE)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(theirs)
 
 
 def _note_others(clocks: Path, share: float) -> None:

@@ -129,6 +129,20 @@ def test_bad_parameters_name_file_and_key(project, capsys, old, new, message):
         assert shown.out == ""
 
 
+def test_a_kernel_computes_alike_whoever_starts_it(project, monkeypatch):
+    """Other kernels of linear algebra, or threads, give other last digits, and other samples."""
+    theirs = {"OPENBLAS_CORETYPE": "Haswell", "OMP_NUM_THREADS": "7", "PYTHONHASHSEED": "3"}
+    for name, value in theirs.items():
+        monkeypatch.setenv(name, value)
+    seen = "import os; print({name: os.environ.get(name) for name in " + repr([*theirs]) + "})"
+    write_notebook(project, declared_cell(project), light_body() + seen)
+    run.run_notebook(NAME)
+    executed = (paths.EXECUTED / f"{NAME}.ipynb").read_text()
+    alike = {"OPENBLAS_CORETYPE": None, "OMP_NUM_THREADS": "1", "PYTHONHASHSEED": "0"}
+    assert repr(alike) in executed
+    assert {name: os.environ[name] for name in theirs} == theirs
+
+
 def test_scientific_notation_is_a_number(project):
     edit(project, "range_sigma: 0.2", "range_sigma: 2e-1")
     assert parameters.read_params(NAME)["range_sigma"] == 0.2
