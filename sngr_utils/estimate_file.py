@@ -23,8 +23,6 @@ from sngr_utils.slam.noise_estimation import RANGE, SOURCES
 from sngr_utils.world.dead_reckoning import dead_reckoning
 from sngr_utils.world.log import NO_LABEL, LogWarning
 
-SETS = ("Plaza1", "Plaza2")  # names of what the wheel has
-
 
 def run(path: Path, out: Path | None, overwrite: bool) -> None:
     """Estimate the log of a file; print a summary, write a trajectory and a picture.
@@ -62,7 +60,7 @@ def run(path: Path, out: Path | None, overwrite: bool) -> None:
 
 def _of_wheel(path: Path) -> Path:
     """Where the file is: a set of the wheel may be given by its name, if no file has it."""
-    return plaza.wheel(path.name) if str(path) in SETS and not path.exists() else path
+    return plaza.wheel(path.name) if str(path) in plaza.SETS and not path.exists() else path
 
 
 def _printable(recording: Recording) -> Recording:

@@ -69,11 +69,20 @@ def test_no_picture_stays_open(log_file):
 
 def test_what_only_the_estimator_can_refuse_names_the_file_too(log_file, capsys):
     lines = log_file.read_text().splitlines()
-    log_file.write_text("\n".join(line for line in lines if not line.startswith("EDGE_RANGE")))
+    kept = (line + "\n" for line in lines if not line.startswith("EDGE_RANGE"))
+    log_file.write_text("".join(kept))
     assert command_line.main(["estimate", str(log_file)]) == 1
     assert capsys.readouterr().err == (
         f"error: {log_file}: there is nothing to estimate: no landmark or no range\n"
     )
+
+
+def test_a_file_that_may_have_been_cut_off_says_so(log_file, capsys):
+    text = log_file.read_text()
+    log_file.write_text(text[:-2])  # within its last number, which stays one
+    assert command_line.main(["estimate", str(log_file)]) == 0
+    n = text.count("\n")
+    assert f"{log_file}:{n}: this line has no end" in capsys.readouterr().err
 
 
 def test_ranges_that_are_all_noise_or_numbers_beyond_all_measure_name_the_file(tmp_path, capsys):

@@ -22,7 +22,7 @@ from sngr_utils.world.log import NO_LABEL, Log
 from sngr_utils.world.truth import Truth
 from sngr_utils.world.wrong_associations import wrong_associations
 
-SETS = ("Plaza2", "Plaza1")
+SETS = plaza.SETS[::-1]  # the shorter one first
 OTHER = dict(zip(SETS, reversed(SETS), strict=True))  # the same radios on another day
 BATCH = ("least_squares", "huber", "cauchy")
 FAR = 5.0  # m, a held-out error that is told apart

@@ -21,6 +21,7 @@ from sngr_utils.world.dead_reckoning import relative_motion
 from sngr_utils.world.log import Log
 from sngr_utils.world.truth import Truth
 
+SETS = ("Plaza1", "Plaza2")  # what the wheel has, by name
 TABLES = {"DRp": 4, "GT": 4, "TD": 4, "TL": 3}  # columns of each
 SLOW = 0.1  # of the median step of those that move, below which a course is noise
 # Where `noise_estimation` begins; nothing here is set by the truth
@@ -37,7 +38,7 @@ def wheel(name: str) -> Path:
 
     Parameters
     ----------
-    name : "Plaza1" or "Plaza2"
+    name : one of `SETS`
     """
     import gtsam
 

@@ -3,12 +3,14 @@
 import csv
 import math
 import re
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from sngr_utils.world.checks import LARGEST, SMALLEST
+from sngr_utils.world.log import LogWarning
 
 LONGEST_LINE = 1_000_000  # characters
 LARGEST_FILE = 2**29  # bytes
@@ -78,9 +80,19 @@ def lines(path: Path, separator: str | None = None) -> Iterator[Line]:
     Raises
     ------
     ValueError : no such file, or not a text of lines in UTF-8
+
+    Warns
+    -----
+    LogWarning : the last line has no end
     """
-    empty = True
-    for number, text in enumerate(_text(path).split("\n"), start=1):
+    empty, every = True, _text(path).split("\n")
+    if every[-1].strip():
+        warnings.warn(
+            f"{path}:{len(every)}: this line has no end: the file may have been cut off in it",
+            LogWarning,
+            stacklevel=2,
+        )
+    for number, text in enumerate(every, start=1):
         if len(text) > LONGEST_LINE:
             raise ValueError(f"{path}:{number}: a line of {len(text)} characters")
         if text.strip():

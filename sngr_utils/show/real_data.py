@@ -7,13 +7,13 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from sngr_utils.experiments.real_stretch import Stretch
+from sngr_utils.files import plaza
 from sngr_utils.metrics.alignment import rigid
 from sngr_utils.publish import cells
 from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
 from sngr_utils.show.methods import METHODS, Method, shown
 
-SETS = ("Plaza1", "Plaza2")
 GROWN = Method("ours, batch", style.SAMPLES, "-", "o", 1.6)
 ONLINE = Method("ours, online", style.SAMPLES, "--", None, 1.6)
 STUDIED, PEERS = ("least_squares", "huber", "cauchy"), ("gnc_tls", "em")  # that are drawn
@@ -99,7 +99,7 @@ def draw_levels(
     tables = {**dict.fromkeys(STUDIED, batch), **dict.fromkeys(PEERS, peers)}
     lines = {key: (METHODS[key], table) for key, table in tables.items()}
     lines |= {"growing_map": (GROWN, batch), "online": (ONLINE, online)}
-    for ax, name in zip(axes, SETS, strict=True):
+    for ax, name in zip(axes, plaza.SETS, strict=True):
         for key, (look, table) in lines.items():
             mine = table[(table["set"] == name) & (table["method"] == key)]
             level = mine.groupby("p")["final" if key == "online" else "rmse"].median()
@@ -118,7 +118,7 @@ def _metres(ax: Axes) -> None:
 
 def level_table(rows: pd.DataFrame) -> pd.DataFrame:
     """Median RMSE over seeds, a row for each method and a column for each set and p."""
-    heads = [(name, p) for name in SETS for p in sorted(rows["p"].unique())]
+    heads = [(name, p) for name in plaza.SETS for p in sorted(rows["p"].unique())]
     medians = rows.groupby(["method", "set", "p"])["rmse"].median()
     return pd.DataFrame([
         {"method": name_of(method)}
@@ -182,7 +182,7 @@ def provoked_table(batch: pd.DataFrame, online: pd.DataFrame) -> pd.DataFrame:
     """Runs without labels and with failures provoked: error, and whether they doubt themselves."""
     rows = []
     for kind, told in KINDS.items():
-        for name in SETS:
+        for name in plaza.SETS:
             row = [told, name]
             for table, key in ((batch, "rmse"), (online, "final")):
                 mine = table[(table["kind"] == kind) & (table["set"] == name)]

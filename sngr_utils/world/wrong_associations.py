@@ -14,13 +14,21 @@ def wrong_associations(
     Parameters
     ----------
     true_labels : (M,) int, landmark each measurement came from
-    n_landmarks : number of landmarks, at least 2
+    n_landmarks : number of landmarks; a single one has no other
     p : probability of a wrong association
 
     Returns
     -------
     (M,) int labels
+
+    Raises
+    ------
+    ValueError : a single landmark, and p above 0
     """
+    if n_landmarks < 2:
+        if p > 0:
+            raise ValueError(f"p is {p!r}: with {n_landmarks} landmark there is no wrong one")
+        return true_labels
     uniform = rng.random(len(true_labels))
     shift = rng.integers(1, n_landmarks, size=len(true_labels))
     return np.where(uniform < p, (true_labels + shift) % n_landmarks, true_labels)

@@ -79,6 +79,13 @@ def test_wrong_associations_follow_their_law():
     assert stats.chisquare(counts[1:]).pvalue > 1e-4
 
 
+def test_a_single_landmark_has_no_wrong_one():
+    source, rng = np.zeros(5, dtype=int), np.random.default_rng(1)
+    assert (wrong_associations.wrong_associations(source, 1, 0.0, rng=rng) == 0).all()
+    with pytest.raises(ValueError, match=r"p is 0.3: with 1 landmark there is no wrong one"):
+        wrong_associations.wrong_associations(source, 1, 0.3, rng=rng)
+
+
 def test_noise_has_the_stated_sigmas():
     """Chi-square on 870 odometry and 1800 range residuals. Failure probability 2e-4."""
     drawn = make(n_poses=300, seed=5)
