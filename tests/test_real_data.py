@@ -84,8 +84,16 @@ def test_six_starts_of_forty_end_in_the_likeliest_map(maps):
     assert (np.sum(heights > heights[0] - 1), len(heights)) == (6, 40)
 
 
+def test_its_radios_stand_where_they_were_surveyed(maps):
+    radios, surveyed = maps("Plaza1", 240)[0][0], real_data.recording("Plaza1").truth.landmarks
+    apart = np.linalg.norm(radios[:, None] - surveyed, axis=2)
+    assert sorted(apart.argmin(axis=1)) == [0, 1, 2, 3]
+    assert apart.min(axis=1).max() < 2  # m, of a field of seventy
+
+
 @pytest.mark.parametrize("name", real_data.OTHER)
-def test_after_160_poses_the_likeliest_map_has_no_rival(maps, name):
+def test_after_80_poses_the_likeliest_map_has_a_rival_as_good_and_after_160_none(maps, name):
+    assert real_stretch.runner_up(maps(name, 80)) < 0.1
     assert real_stretch.runner_up(maps(name, 160)) > 100
 
 

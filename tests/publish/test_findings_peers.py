@@ -1,11 +1,19 @@
 """Sentences of notebook 07 about signs and orders, on stored results."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import stored_results
+from helpers import read_notebook
 
+from sngr_utils import peers
+from sngr_utils.experiments import estimators
 from sngr_utils.experiments.estimators import LOST, METHODS, WITHOUT_START
-from sngr_utils.metrics import summaries
+from sngr_utils.metrics import rmse_and_nees, summaries
+from sngr_utils.robust import fastslam
+from sngr_utils.slam.conventions import PRESETS
+from sngr_utils.world import simulation
 
 LEVELS = ("0", "0.2", "0.4")
 BELIEVE = ("isam2", "sngr", "least_squares")
@@ -72,9 +80,10 @@ def test_to_forget_costs_more_with_more_to_forget():
 
 def test_who_reassigns_stays_closest_in_poses_and_landmarks():
     for what in ("ratio", "landmark_ratio"):
-        least = min(median(method, "0.4", what) for method in REDESCEND)
-        for method in REASSIGN:
-            assert 0.95 < median(method, "0.4", what) < min(least, 1.1), (method, what)
+        for p in LEVELS[1:]:
+            least = min(median(method, p, what) for method in REDESCEND)
+            for method in REASSIGN:
+                assert 0.95 < median(method, p, what) < min(least, 1.1), (method, what, p)
     exclusive = summaries.median_and_interval(pd.Series(worlds("em_exclusive", "0.4", "ratio")))
     assert 0.95 < exclusive.low <= exclusive.high < 1.05
 
@@ -121,5 +130,57 @@ def test_covariances():
     for method, p in (("huber", "0.4"), *(("fastslam", p) for p in LEVELS)):
         more = np.mean(worlds(method, p, "nees") > worlds("oracle", p, "nees"))
         assert more >= (0.75 if method == "fastslam" else 0.9)
-    for method in ("cauchy", "em_exclusive"):
+    for method in ("cauchy", "em", "em_exclusive"):
         assert abs(median(method, "0.4", "nees") - oracle) < 0.2
+
+
+def test_most_of_the_oracles_nees_is_the_priors_and_its_error_differs_much_between_worlds():
+    config, centred, off = peers.Config(), [], []
+    for seed in config.seeds(config.n_seeds):
+        drawn = simulation.simulate(config.scenario, 0.4, rng=np.random.default_rng(seed))
+        found = estimators.estimate(drawn, PRESETS["C"], "oracle", "grid", rng=None)
+        errors = found.poses[:, :2] - drawn.poses[:, :2]
+        centred.append(rmse_and_nees.nees(errors, found.position_covariances))
+        off.append(rmse_and_nees.rmse(found.poses[:, :2], drawn.poses[:, :2]))
+    assert max(off) > 3 * min(off)
+    assert np.median(centred / worlds("oracle", "0.4", "nees")) < 0.5
+
+
+def printed(word):
+    """What the solution whose source has the `word` has shown, which nbval compares."""
+    cells = read_notebook("07_peers").cells
+    (cell,) = (c for c in cells if word in c.source and "solution" in c.metadata.get("tags", []))
+    out = cell.outputs[0]
+    return out["text"] if "text" in out else out["data"]["text/html"]
+
+
+def test_ten_times_the_particles_help_and_do_not_reach_the_oracle():
+    found = re.findall(r"'fastslam': ([\d.]+), 'oracle': ([\d.]+)", printed("n_particles=n"))
+    (few, oracle), (many, again) = np.array(found, dtype=float)
+    assert oracle == again < 0.9 * many < 0.9 * few
+
+
+def test_most_particles_die_within_two_steps_and_nearly_all_early_histories_are_lost():
+    config = peers.Config()
+    for seed in config.seeds(5):
+        drawn = simulation.simulate(config.scenario, 0.4, rng=np.random.default_rng(seed))
+        found = fastslam.run(
+            drawn, PRESETS["C"], fastslam.Settings(n_particles=config.n_particles),
+            rng=np.random.default_rng(seed),
+        )  # fmt: skip
+        kept = [len(np.unique(found.paths[:, t], axis=0)) for t in (5, -3)]
+        assert kept[0] < 0.05 * config.n_particles
+        assert kept[1] < 0.5 * config.n_particles
+
+
+def test_with_more_wrong_than_right_everyone_loses_worlds_and_a_wrong_start_is_not_remedied():
+    """Exercise 3, of 8 worlds: medians, and the upper ends of their intervals."""
+    rows = re.findall(r"<tr.*?</tr>", printed("[0.7]"), re.S)
+    numbers = [re.findall(r"\d+\.\d\d", re.sub("<[^>]*>", " ", row)) for row in rows]
+    cauchy, switchable, mixture, em, exclusive, oracle = np.array(
+        [row for row in numbers if len(row) == 3], dtype=float
+    )
+    assert (oracle == 1).all()
+    assert exclusive[0] < 1.1 < LOST < min(one[0] for one in (cauchy, switchable, mixture, em))
+    assert min(one[2] for one in (cauchy, switchable, mixture, em, exclusive)) > LOST
+    assert min(mixture[0], em[0]) > max(cauchy[0], switchable[0])

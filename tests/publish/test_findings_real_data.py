@@ -1,10 +1,16 @@
 """Sentences of notebook 10 about signs, orders and all rows, on the committed studies."""
 
+import re
+import time
+
 import numpy as np
 import pytest
+from helpers import read_notebook
 from scipy import stats
+from stored_results import entry
 
-from sngr_utils import real_data
+from sngr_utils import multimodal, real_data
+from sngr_utils.detection import mirror_image
 from sngr_utils.experiments import real_stretch
 from sngr_utils.metrics.alignment import aligned_rmse
 from sngr_utils.slam.landmark_starts import start_landmarks
@@ -33,6 +39,8 @@ def test_no_labels_are_as_good_as_right_ones():
         right = mine.query("kind == 'labels' and p == 0")["rmse"].item()
         for kind in ("no labels", "shuffled", "stretched"):
             assert of[kind] < 1.05 * right
+        says_nothing = mine.set_index("kind")["share_wrong"]["shuffled"]
+        assert says_nothing == pytest.approx(3 / 4, abs=0.03)  # of four radios, by chance
 
 
 def test_what_fails_is_doubted_and_of_what_is_sound_the_clutter_and_one_without_names():
@@ -59,6 +67,11 @@ def test_the_scale_is_near_that_of_the_gps_and_a_little_too_sure():
         found = real_data.found_in(name)
         assert abs(found["scale"] - true) < 0.005
         assert 1 < (true - found["scale"]) / found["scale_sigma"] < 2.1
+        scales, costs = real_data.scale_profile(real_data.Config(), name)
+        near = slice(costs.argmin() - 1, costs.argmin() + 2)
+        bend, slope, _ = np.polyfit(scales[near] - found["scale"], costs[near], 2)
+        assert abs(slope / (2 * bend)) < found["scale_sigma"]
+        assert bend * (2 * found["scale_sigma"]) ** 2 == pytest.approx(2, abs=0.6)  # nats
 
 
 def test_believers_of_labels_are_lost():
@@ -88,8 +101,10 @@ def test_with_missed_steps_open_batch_is_as_sure_as_it_should_be_and_online_near
     is that of thirty or so, and errs by .4. Online it may be three of these above."""
     assert LABELLED["nees"].between(0.5, 2.5).all()
     assert DRIVEN["nees"].between(0.5, 3.2).all()
+    batch, online = (rows.groupby("set")["nees"].median() for rows in (LABELLED, DRIVEN))
+    assert (online > batch).all()
     for rows in (LABELLED, DRIVEN):
-        assert rows["missed_steps"].between(1, 5).all()
+        assert rows["missed_steps"].between(1, 3).all()
 
 
 def test_a_step_online_takes_milliseconds_and_no_longer_at_the_end():
@@ -140,9 +155,14 @@ def test_eigenvalues_call_degenerate_what_is_not_ambiguous(name):
     radios = start_landmarks(log, poses, "grid")
     assert real_stretch.degenerate(log, poses, radios, 1).mean() > 0.9
     assert real_stretch.degenerate(log.first(n), poses[:n], radios, 10).mean() < 0.1
-    gaps = real_data.mirror_gaps(name).groupby("poses")["gap"].min()
-    assert (gaps[gaps.index <= n] < 3).all()
-    assert (gaps[gaps.index >= 130] > 10).all()
+    gaps = real_data.mirror_gaps(name).pivot(index="poses", columns="radio", values="gap")
+    least = gaps.min(axis=1)
+    assert (least[least.index <= n] < 3).all()
+    assert (least[least.index >= 130] > 10).all()
+    early = gaps[gaps.index <= 50]
+    early = early[np.isfinite(early)]  # or image and radio have merged
+    assert (early.abs().max() < 0.1).all()  # of every radio
+    assert early.notna().sum().min() > 1
 
 
 def test_nested_sampling_is_hardly_asked_and_adds_nothing():
@@ -151,6 +171,10 @@ def test_nested_sampling_is_hardly_asked_and_adds_nothing():
     hard = DRIVEN[DRIVEN["p"] == 0.6].groupby("set")
     assert asked[(DRIVEN["p"] == 0.6) & (DRIVEN["set"] == "Plaza1")].item() == 9
     assert asked.sum() == 9
+    assert entry("real_stretch", 7, 2) == 0  # on the stretch that the notebook drives
+    provoked = ONLINE[(ONLINE["kind"] != "labels") & (ONLINE["method"] == "online")]
+    few = provoked[["landmark_samples", "position_samples"]].sum(axis=1)
+    assert 0 < few.max() < 20
     without = ONLINE[ONLINE["method"] == "no nested sampling"].set_index("set")["final"]
     for name, rows in hard:
         assert abs(without[name] - rows["final"].iloc[0]) < 0.01
@@ -174,6 +198,8 @@ def test_four_radios_are_counted():
 def test_dives_are_foretold_to_a_metre_and_their_noise_has_heavy_tails():
     dives = real_data.study("goats").set_index("set")
     assert (dives["median"] < 1.0).all()
+    half = stats.norm.ppf(0.75) * 0.75  # m, of a Gaussian with the sigma that is said
+    assert (dives["median"] > half + 2 * dives["median_error"]).all()
     assert (dives["ninth_decile"] > 2).all()
     assert dives["kurtosis"].between(4, 7).all()
     gained = dives["median"] - dives["median_huber"]
@@ -209,10 +235,13 @@ def test_some_peers_are_lost_with_right_labels_and_truncated_squares_with_three_
     rmse = real_data.study("plaza_peers").set_index(["method", "set", "p"])["rmse"]
     for method in ("dcs", "geman_mcclure", "max_mixture_null"):
         assert (rmse.loc[method].xs(0.0, level="p") > 9).all()
-    assert rmse["em", "Plaza2", 0.0] > 9
-    squares = rmse.loc["gnc_tls"]
+    assert min(rmse["em", "Plaza2", 0.0].min(), rmse.loc["dcs"].xs(0.0, level="p").min()) > 10
+    squares, fast = rmse.loc["gnc_tls"], rmse.loc["gnc_tls_superlinear"]
     assert (squares[squares.index.get_level_values("p") < 0.5] < 0.3).all()
-    assert squares["Plaza1", 0.6] > 5
+    assert (fast.xs(0.4, level="p") > 2).all()
+    assert (squares.xs(0.6, level="p") > 5).all()
+    assert (rmse.loc["em"].xs("Plaza1", level="set") < 0.2).all()
+    assert (rmse["cauchy"].xs(0.0, level="p") < 0.25).all()  # not all that forget are lost there
     assert (rmse.loc["isam2"].xs(0.4, level="p") > 4).all()
 
 
@@ -234,3 +263,65 @@ def test_lengths_in_the_files_are_those_of_the_gps_in_five_steps_of_six_and_near
     assert least < np.mean(np.abs(told - true) < 1e-4) < most  # m
     if name == "Plaza1":
         assert np.abs(reckoned[:, 3] - gps[:, 3]).max() < 1e-9  # and the headings are the GPS's
+
+
+def test_a_mirror_test_takes_microseconds():
+    target = multimodal.landmark(multimodal.Config(), 0, 8)
+    data = target.positions, target.ranges, target.variances
+    start, took = multimodal.view(multimodal.Config(), 0, 8).gaussian[0], []
+    for _ in range(20):  # of which the first compiles
+        began = time.perf_counter()
+        mirror_image.mirror_test(*data, start)
+        took.append(time.perf_counter() - began)
+    assert min(took) < 5e-4  # s
+
+
+@pytest.mark.parametrize("name", real_data.OTHER)
+def test_every_pose_but_a_few_has_one_range(name):
+    log = real_data.recording(name).log
+    assert np.mean(np.bincount(log.pose_of, minlength=log.n_poses) == 1) > 0.95
+
+
+# --- what cells have shown, which nbval compares (but for times) ----------------------------------
+
+
+def shown(word):
+    """The text or table of the one cell whose source has the `word`."""
+    (cell,) = (c for c in read_notebook("10_real_data").cells
+               if c.cell_type == "code" and word in c.source)  # fmt: skip
+    out = cell.outputs[0]
+    return out["text"] if "text" in out else out["data"]["text/html"]
+
+
+def numbers(text):
+    return [float(x.replace("\N{MINUS SIGN}", "-")) for x in re.findall(r"[+−-]?\d+\.?\d*", text)]
+
+
+def test_steps_take_milliseconds_and_as_many_at_the_end_as_at_the_beginning():
+    rows = re.findall(r"<tr>(.*?)</tr>", shown("real_step_time"), re.S)
+    medians, _ = np.array([numbers(re.sub("<[^>]*>", " ", row)) for row in rows]).T
+    assert medians.max() < 10
+    assert medians[-1] < 1.5 * medians[0]
+
+
+def test_an_alignment_that_may_stretch_forgives_a_fifth():
+    found = re.findall(r": ([\d.]+) m instead of ([\d.]+) m", shown("def stretched_rmse"))
+    assert len(found) == 2
+    for less, whole in np.array(found, dtype=float):
+        assert 0.14 < 1 - less / whole < 0.27
+
+
+def test_chords_begin_to_err_at_some_ten_steps():
+    found = re.findall(r"over (\d+) steps: ([\d.]+) m", shown("def by_chords"))
+    error = {int(n): float(m) for n, m in found}
+    assert error[1] < 0.005
+    assert error[10] > 5 * error[1]
+    assert error[100] > 3 * error[10]
+
+
+def test_three_radios_cost_thousands_of_nats_and_a_fifth_less_than_its_share():
+    (three,), (five,) = (
+        numbers(x) for x in re.findall(r"(?:three|five) (\S+) nats", shown("fewer = "))
+    )
+    assert three < -1000
+    assert -real_data.Config().prefixes[-1] * np.log(5 / 4) <= five < 0
