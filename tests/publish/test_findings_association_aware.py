@@ -3,12 +3,13 @@
 import numpy as np
 import pandas as pd
 import pytest
-from stored_results import value, worlds
+from stored_results import entry, value, worlds
 
 from sngr_utils.experiments import every_world, kinds_of_worlds, peers_again, studies
 from sngr_utils.experiments.estimators import BATCH, METHODS
 from sngr_utils.experiments.online_variants import NAME, PARTS
 from sngr_utils.metrics import summaries
+from sngr_utils.robust import mirrors
 from sngr_utils.show.association_aware import ZOOM
 from sngr_utils.show.worlds import OVERCONFIDENT
 
@@ -71,9 +72,12 @@ def test_so_are_the_graph_alone_the_landmarks_and_nearly_the_newest_poses(p):
     assert 0.95 < landmarks.low <= landmarks.high < 1.05
 
 
-def test_it_is_as_consistent_as_the_oracle():
+def test_it_is_as_consistent_as_the_oracle_at_every_level():
     apart = interval(worlds("online.p0.4.nees") - worlds("online.oracle.p0.4.nees"))
     assert -0.1 < apart.low <= apart.high < 0.1  # of two
+    for row in range(1, len(LEVELS) + 1):
+        ours, oracle = (entry("online_detail", row, column) for column in (9, 10))
+        assert abs(ours - oracle) < 0.1
 
 
 def test_on_the_way_batch_em_is_wrong_by_half_in_a_third_of_the_worlds_and_online_in_none():
@@ -181,6 +185,7 @@ def test_on_a_straight_road_odds_do_not_tell_sides_and_the_mean_over_them_is_nea
     rows = studies.committed("every_world")
     roads = rows[rows["kind"] == "straight"]
     assert roads["sides"].between(60, 63).all()
+    assert value("worlds.straight.gain") < mirrors.DECIDED  # what odds must reach to decide
     likelier = roads.groupby("seed")["sides_likelier"].mean()
     assert 0.4 <= likelier.mean() < 0.5
     assert abs(likelier.mean() - 0.5) < 3 * likelier.sem()

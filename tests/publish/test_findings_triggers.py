@@ -124,6 +124,12 @@ def test_at_the_most_noise_every_window_is_contaminated():
     assert area("contaminated", "base", 5) > 0.995
 
 
+def test_least_squares_spreads_a_misfit_and_not_all_windows_with_wrong_labels_fail():
+    """At p = 0.05, where most windows are neither all wrong nor all right."""
+    contaminated, failed = (area(table, "base", 2) for table in ("contaminated", "failed"))
+    assert claim("0.05", "chi_square", 5) > contaminated + 0.2 > failed + 0.2
+
+
 @pytest.mark.parametrize("table", ["failed", "contaminated"])
 def test_pooling_flatters_the_chi_square(table):
     single = [area(table, "chi_square", column) for column in P[:3]]
