@@ -92,6 +92,13 @@ def test_most_of_the_precision_under_c_is_the_base_rate(p):
     assert (worlds(f"audit.A.p{p}.tau3.96.triggered") == 0).mean() > 2 / 3  # where it seldom fires
 
 
+@pytest.mark.parametrize("preset", READINGS)
+def test_windows_fail_through_their_labels(preset):
+    clean, *wrong = (entry("detection", row_of(preset, p), 5) for p in P)
+    assert clean < 0.1
+    assert min(wrong) > 0.5
+
+
 @pytest.mark.parametrize("row", [1, 2, 3])
 def test_in_centimetres_the_score_is_higher_by_four(row):
     assert 3.95 < entry("units", row, 2) <= entry("units", row, 2, 2) < 4.0001

@@ -11,7 +11,10 @@ from stored_results import value
 from sngr_utils import triggers
 from sngr_utils.experiments.detector_scores import Case, run
 from sngr_utils.slam.conventions import PRESETS
+from sngr_utils.slam.isam2 import run_isam2
+from sngr_utils.slam.landmark_starts import start_landmarks
 from sngr_utils.sngr import failure
+from sngr_utils.world.dead_reckoning import dead_reckoning
 
 SURPRISE = 1.301  # -log10 of 0.05
 
@@ -64,6 +67,33 @@ def test_at_isam2s_estimate_one_clean_window_in_six_fires_in_two_scenarios():
     for scenario in ("3 m", "100 poses"):
         assert 100 / 8 < level("chi_square", scenario) < 100 / 5
     assert value("triggers.level.failed.100_poses") > 2 * level("chi_square", "100 poses")
+
+
+def test_with_short_steps_maps_start_on_the_wrong_side_and_some_fold_over_so_that_ranges_fit():
+    """Ten clean worlds of 100 poses, preset C; squares in units of their sigmas."""
+    scenario, preset = triggers.Config().scenario, PRESETS["C"]
+    folded = []
+    for seed in range(6000, 6010):
+        world = Case("100 poses", 0.0).draw(scenario, seed)
+        log = world.log(preset.x0_sigmas)
+        start = dead_reckoning(log.x0_mean, log.odometry)
+        way = start[2, :2] - start[0, :2]
+        sides = (
+            np.sign((marks - start[0, :2]) @ [-way[1], way[0]])
+            for marks in (start_landmarks(log, start, "first_poses"), world.landmarks)
+        )
+        found = run_isam2(world, preset)
+        failed = failure.failures(np.linalg.norm((found.poses - world.poses)[:, :2], axis=1))
+        swapped = np.mean(next(sides) != next(sides))
+        assert (failed.mean() > 0.9) == (swapped > 0.5), seed
+        lengths = np.linalg.norm(
+            found.poses[world.pose_of, :2] - found.landmarks[world.label_of], axis=1
+        )
+        turns = np.diff(found.poses[:, 2]) - world.odometry[:, 2]
+        ranges = np.mean((lengths - world.ranges) ** 2) / scenario.range_sigma**2
+        odometry = np.mean((np.sin(turns) / scenario.odometry_sigma_theta) ** 2)
+        folded.append(failed.mean() > 0.9 and ranges < 1.5 and odometry > 5)
+    assert 0 < sum(folded) < len(folded)
 
 
 def test_settling_mends_the_small_circle_and_not_the_many_poses():
