@@ -1,15 +1,20 @@
 """Sentences of notebook 08 about signs, orders and equivalence, on stored results."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 from stored_results import entry, value, worlds
 
+from sngr_utils import paths
 from sngr_utils.experiments import every_world, kinds_of_worlds, peers_again, studies
 from sngr_utils.experiments.estimators import BATCH, METHODS
 from sngr_utils.experiments.online_variants import NAME, PARTS
 from sngr_utils.metrics import summaries
-from sngr_utils.robust import mirrors
+from sngr_utils.online import belief, calibration, data_association, localisation
+from sngr_utils.robust import diagnosis, mirrors, misfit, naming
 from sngr_utils.show.association_aware import ZOOM
 from sngr_utils.show.worlds import OVERCONFIDENT
 
@@ -239,3 +244,34 @@ def test_of_all_constants_two_matter_and_both_where_odometry_slips():
     moved = changed[np.abs(np.log(changed["final"] / base.reindex(changed.index))) > 0.01]
     assert set(moved["constant"]) == {"belief.LOOSE", "belief.TURNED"}
     assert set(moved.index.get_level_values("kind")) == {"slip 5 m"}
+
+
+@pytest.mark.parametrize(
+    ("words", "numbers"),
+    [
+        (r"newest (\d+) to (\d+) poses", (belief.WINDOW, 2 * belief.WINDOW)),
+        (r"passes a (\d+)\\,\\% gate", (100 * stats.chi2.cdf(data_association.GATE, 1),)),
+        (r"more than (0\.\d+) of its posterior", (data_association.RESOLVED,)),
+        (r"no odds below (\d+)~nats decide", (mirrors.DECIDED,)),
+        (r"by less than (\d+) to 1", (np.exp(naming.NAMED),)),
+        (r"after (\d+) poses and whenever", (calibration.FIRST,)),
+        (r"\$p\$-value below (0\.\d+)\)", (diagnosis.RARE,)),
+        (r"less than \$\\ln (\d+)\$~nats", (np.exp(diagnosis.LEAST_RIVAL),)),
+        (r"squared residuals are more than (\d\.\d) times", (diagnosis.MOST_RESIDUAL,)),
+    ],
+)
+def test_paper_and_supplement_have_the_numbers_of_the_method(words, numbers):
+    """Wherever they say them."""
+    both = (paths.PAPER / name for name in ("sngr.tex", "supplement.tex"))
+    text = " ".join(" ".join(path.read_text(encoding="utf-8") for path in both).split())
+    found = list(re.finditer(words, text))
+    assert found, words
+    for each in found:
+        assert [float(number) for number in each.groups()] == pytest.approx(numbers)
+
+
+def test_and_the_numbers_that_they_have_in_words():
+    """Up to six sides, the square root of their odds, nine tenths, a quarter, every tenth, most."""
+    assert (mirrors.MOST, mirrors.TRUSTED, localisation.ENOUGH_MASS) == (6, 0.5, 0.9)
+    assert (misfit.LEAST_SIZE, calibration.MORE) == (0.25, 1.25)
+    assert (diagnosis.HELD_OUT, diagnosis.MOST_UNEXPLAINED) == (10, 0.5)
