@@ -5,8 +5,11 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 from stored_results import RESULTS, value, worlds
 
+from sngr_utils import paths
+from sngr_utils.experiments import studies
 from sngr_utils.metrics import summaries
 
 
@@ -132,3 +135,35 @@ def test_one_gaussian_fails_on_first_poses_and_cheap_means_find_both_places():
     for name in ("ancestral", "starts"):
         assert value(f"multimodal.landmark.{name}.within") == runs
     assert value("multimodal.landmark.c50.within") <= runs / 2
+
+
+# --- what captions say in numbers that no run has handed on ---------------------------------------
+
+
+def captions():
+    """(chapter, worlds, text) of each caption that counts worlds by a number of its own."""
+    both = (paths.PAPER / name for name in ("sngr.tex", "supplement.tex"))
+    text = " ".join(" ".join(path.read_text(encoding="utf-8") for path in both).split())
+    for said, chapter in re.findall(r"\\caption\{((?:(?!\\caption).)*?)\\source\{(\w+)\}", text):
+        for worlds_said in re.findall(
+            r"(\d+) (?:clean )?worlds|worlds of every kind, (\d+)", said.lower()
+        ):
+            yield chapter, int("".join(worlds_said)), said
+
+
+def test_captions_count_the_worlds_that_were_run():
+    asked = list(captions())
+    assert len(asked) > 25
+    for chapter, n, said in asked:
+        if "Worlds of every kind" in said:
+            groups = studies.committed("every_world").groupby(["kind", "preset", "p"])
+            assert set(groups.size()) == {n}
+            continue
+        params = yaml.safe_load((paths.PARAMS / f"{chapter}.yaml").read_text(encoding="utf-8"))
+        assert n in {value for key, value in params.items() if key.startswith("n_")}, said
+
+
+def test_the_paper_says_in_words_how_many_worlds_windows_were_studied_in():
+    params = yaml.safe_load((paths.PARAMS / "05_audit.yaml").read_text(encoding="utf-8"))
+    assert (params["n_windows"], params["p_windows"], params["n_corrected"]) == (8, 0.2, 12)
+    assert value("gaussian.conditional.windows") % (8 * 3) == 0  # of three presets

@@ -6,13 +6,16 @@ import numpy as np
 import pandas as pd
 import pytest
 from helpers import cells_from_scratch, read_notebook
+from scipy import stats
 from stored_results import entry, value, worlds
 
-from sngr_utils import association_aware
+from sngr_utils import association_aware, paths
 from sngr_utils.experiments import every_world, kinds_of_worlds, peers_again, studies
 from sngr_utils.experiments.estimators import BATCH, METHODS
 from sngr_utils.experiments.online_variants import NAME, PARTS
 from sngr_utils.metrics import summaries
+from sngr_utils.online import belief, calibration, data_association, localisation
+from sngr_utils.robust import diagnosis, mirrors, misfit, naming
 from sngr_utils.show.association_aware import ZOOM
 from sngr_utils.show.worlds import OVERCONFIDENT
 from sngr_utils.world import simulation
@@ -77,9 +80,12 @@ def test_so_are_the_graph_alone_the_landmarks_and_nearly_the_newest_poses(p):
     assert 0.95 < landmarks.low <= landmarks.high < 1.05
 
 
-def test_it_is_as_consistent_as_the_oracle():
+def test_it_is_as_consistent_as_the_oracle_at_every_level():
     apart = interval(worlds("online.p0.4.nees") - worlds("online.oracle.p0.4.nees"))
     assert -0.1 < apart.low <= apart.high < 0.1  # of two
+    for row in range(1, len(LEVELS) + 1):
+        ours, oracle = (entry("online_detail", row, column) for column in (9, 10))
+        assert abs(ours - oracle) < 0.1
 
 
 def test_on_the_way_batch_em_is_wrong_by_half_in_a_third_of_the_worlds_and_online_in_none():
@@ -195,6 +201,7 @@ def test_on_a_straight_road_odds_do_not_tell_sides_and_the_mean_over_them_is_nea
     rows = studies.committed("every_world")
     roads = rows[rows["kind"] == "straight"]
     assert roads["sides"].between(60, 63).all()
+    assert value("worlds.straight.gain") < mirrors.DECIDED  # what odds must reach to decide
     likelier = roads.groupby("seed")["sides_likelier"].mean()
     assert 0.4 <= likelier.mean() < 0.5
     assert abs(likelier.mean() - 0.5) < 3 * likelier.sem()
@@ -341,3 +348,34 @@ def test_most_of_what_exclusion_spoils_are_two_landmarks_at_nearly_the_same_rang
 def test_clutter_makes_exclusion_spoil_more_than_it_gains_at_a_perfect_map():
     alone, both, _ = scans(clutter=True)
     assert np.sum(alone & ~both) > np.sum(both & ~alone)
+
+
+@pytest.mark.parametrize(
+    ("words", "numbers"),
+    [
+        (r"newest (\d+) to (\d+) poses", (belief.WINDOW, 2 * belief.WINDOW)),
+        (r"passes a (\d+)\\,\\% gate", (100 * stats.chi2.cdf(data_association.GATE, 1),)),
+        (r"more than (0\.\d+) of its posterior", (data_association.RESOLVED,)),
+        (r"no odds below (\d+)~nats decide", (mirrors.DECIDED,)),
+        (r"by less than (\d+) to 1", (np.exp(naming.NAMED),)),
+        (r"after (\d+) poses and whenever", (calibration.FIRST,)),
+        (r"\$p\$-value below (0\.\d+)\)", (diagnosis.RARE,)),
+        (r"less than \$\\ln (\d+)\$~nats", (np.exp(diagnosis.LEAST_RIVAL),)),
+        (r"squared residuals are more than (\d\.\d) times", (diagnosis.MOST_RESIDUAL,)),
+    ],
+)
+def test_paper_and_supplement_have_the_numbers_of_the_method(words, numbers):
+    """Wherever they say them."""
+    both = (paths.PAPER / name for name in ("sngr.tex", "supplement.tex"))
+    text = " ".join(" ".join(path.read_text(encoding="utf-8") for path in both).split())
+    found = list(re.finditer(words, text))
+    assert found, words
+    for each in found:
+        assert [float(number) for number in each.groups()] == pytest.approx(numbers)
+
+
+def test_and_the_numbers_that_they_have_in_words():
+    """Up to six sides, the square root of their odds, nine tenths, a quarter, every tenth, most."""
+    assert (mirrors.MOST, mirrors.TRUSTED, localisation.ENOUGH_MASS) == (6, 0.5, 0.9)
+    assert (misfit.LEAST_SIZE, calibration.MORE) == (0.25, 1.25)
+    assert (diagnosis.HELD_OUT, diagnosis.MOST_UNEXPLAINED) == (10, 0.5)

@@ -58,6 +58,10 @@ def test_odometry_alone_is_better_from_the_first_wrong_labels_on():
     assert rows(0)[0, 2] < value("sngr.odometry_rmse")
 
 
+def test_a_proposal_wider_than_odometry_costs_thousands_of_nats_and_not_seventy():
+    assert value("noop.mean_log_weight") < -1000
+
+
 def test_the_gate_is_ten_times_finer_than_the_noise_of_a_mean():
     assert 8 < value("sngr.mean_cost") / 0.001 < 13
 

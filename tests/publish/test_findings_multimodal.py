@@ -55,6 +55,19 @@ def test_the_mirror_test_finds_nearly_all_and_the_condition_number_nothing():
     assert cell("triggers", 2, 5) > 10  # its false alarms
     assert value("multimodal.landmark.condition.auc_within") < 0.55
     assert value("multimodal.landmark.condition.auc") < 0.1  # it is small where they are ambiguous
+    assert value("multimodal.landmark.condition.auc") < 0.2  # ambiguous while poses are sure
+    for name in ("", "_landmark"):
+        ours = value("multimodal.landmark.mirror.auc_within")
+        assert ours > value(f"multimodal.landmark.condition{name}.auc_within") + 0.3
+
+
+def test_in_windows_a_second_mode_found_from_many_starts_tells_more_than_the_condition_number():
+    second, condition = (value(f"multimodal.window.{by}.auc") for by in ("second", "condition"))
+    assert second > condition + 0.1
+
+
+def test_a_missed_twin_costs_the_evidence_the_logarithm_of_two():
+    assert cell("mode", 1, 7) == pytest.approx(-np.log(2), abs=0.01)  # c = 1, from one place
 
 
 def test_from_a_mode_the_gaussian_priors_fail_and_from_the_saddle_they_work():

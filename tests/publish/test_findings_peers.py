@@ -86,6 +86,8 @@ def test_who_reassigns_stays_closest_in_poses_and_landmarks():
                 assert 0.95 < median(method, p, what) < min(least, 1.1), (method, what, p)
     exclusive = summaries.median_and_interval(pd.Series(worlds("em_exclusive", "0.4", "ratio")))
     assert 0.95 < exclusive.low <= exclusive.high < 1.05
+    forget = [worlds(m, "0.4", "ratio").mean() for m in ("huber", "fastslam", *REDESCEND)]
+    assert max(worlds(m, "0.4", "ratio").mean() for m in REASSIGN) < min(forget)  # of the paper
 
 
 def test_a_bad_start_harms_who_asks_without_exclusion():
@@ -121,6 +123,16 @@ def test_fastslam_is_like_cauchy_in_the_median_and_loses_more_worlds_than_who_re
         )
         assert wide.high - wide.low > 2 * (other.high - other.low)
     assert np.mean(worlds("fastslam", "0.4", "ratio") > LOST) > lost("em", "grid")
+
+
+def test_particles_and_samples_cost_far_more_than_isam2():
+    """The paper's introduction; times of the table that notebook 07 shows, and a window's."""
+    (cell,) = (c for c in read_notebook("07_peers").cells if "times = show.time_table" in c.source)
+    (shown,) = (o.data["text/html"] for o in cell.outputs if "text/html" in o.get("data", {}))
+    isam2, particles = (int(re.search(rf"{name}</td>\s*<td>(\d+)", shown)[1])
+                        for name in ("iSAM2", "FastSLAM"))  # fmt: skip
+    assert particles > 5 * isam2
+    assert stored_results.value("cost.window_over_isam2") > 10
 
 
 def test_covariances():

@@ -165,6 +165,15 @@ def test_eigenvalues_call_degenerate_what_is_not_ambiguous(name):
     assert early.notna().sum().min() > 1
 
 
+def test_every_radio_has_a_mirror_image_in_the_first_minute():
+    for name in real_data.OTHER:
+        times = real_data.recording(name).log.times
+        gaps = real_data.mirror_gaps(name)
+        first = gaps[times[gaps["poses"]] - times[0] < 60]
+        assert (first.groupby("radio")["gap"].min() < 3).all()
+        assert first["radio"].nunique() == 4
+
+
 def test_nested_sampling_is_hardly_asked_and_adds_nothing():
     asked = DRIVEN[["landmark_samples", "position_samples"]].sum(axis=1)
     assert (asked[DRIVEN["p"] <= 0.4] == 0).all()

@@ -86,6 +86,9 @@ def test_blind_under_a_and_b_and_not_under_c_where_most_have_failed():
 def test_scores_fall_and_most_clean_ones_lie_above_the_threshold():
     median = {role: value(f"sweep.median_score.{role}") for role in ("clean", "most")}
     assert median["most"] < 3.96 < median["clean"]
+    run = trigger_sweep.run(trigger_sweep.Config(p_levels=[0.0, 0.3, 0.4]))
+    clean, most = (np.quantile(trigger_sweep.pooled_scores(run, p), (0.25, 0.75)) for p in (0, 0.4))
+    assert most[1] > clean[0]  # quartiles overlap
 
 
 def test_clean_worlds_are_silent_but_one_and_full_of_false_alarms_under_c():

@@ -14,8 +14,10 @@ from sngr_utils.experiments.detector_scores import Case, run
 from sngr_utils.metrics.alignment import aligned_rmse
 from sngr_utils.slam import isam2, selected_inverse
 from sngr_utils.slam.conventions import PRESETS
+from sngr_utils.slam.isam2 import run_isam2
+from sngr_utils.slam.landmark_starts import start_landmarks
 from sngr_utils.sngr import failure
-from sngr_utils.world.dead_reckoning import relative_motion
+from sngr_utils.world.dead_reckoning import dead_reckoning, relative_motion
 
 SURPRISE = 1.301  # -log10 of 0.05
 
@@ -94,6 +96,33 @@ def test_with_a_hundred_poses_maps_fold_over_and_the_odometry_pays():
     assert np.mean(mirrored) > 0.5
 
 
+def test_with_short_steps_maps_start_on_the_wrong_side_and_some_fold_over_so_that_ranges_fit():
+    """Ten clean worlds of 100 poses, preset C; squares in units of their sigmas."""
+    scenario, preset = triggers.Config().scenario, PRESETS["C"]
+    folded = []
+    for seed in range(6000, 6010):
+        world = Case("100 poses", 0.0).draw(scenario, seed)
+        log = world.log(preset.x0_sigmas)
+        start = dead_reckoning(log.x0_mean, log.odometry)
+        way = start[2, :2] - start[0, :2]
+        sides = (
+            np.sign((marks - start[0, :2]) @ [-way[1], way[0]])
+            for marks in (start_landmarks(log, start, "first_poses"), world.landmarks)
+        )
+        found = run_isam2(world, preset)
+        failed = failure.failures(np.linalg.norm((found.poses - world.poses)[:, :2], axis=1))
+        swapped = np.mean(next(sides) != next(sides))
+        assert (failed.mean() > 0.9) == (swapped > 0.5), seed
+        lengths = np.linalg.norm(
+            found.poses[world.pose_of, :2] - found.landmarks[world.label_of], axis=1
+        )
+        turns = np.diff(found.poses[:, 2]) - world.odometry[:, 2]
+        ranges = np.mean((lengths - world.ranges) ** 2) / scenario.range_sigma**2
+        odometry = np.mean((np.sin(turns) / scenario.odometry_sigma_theta) ** 2)
+        folded.append(failed.mean() > 0.9 and ranges < 1.5 and odometry > 5)
+    assert 0 < sum(folded) < len(folded)
+
+
 def test_settling_mends_the_small_circle_and_not_the_many_poses():
     """Rows of `null`: B and C with 3 m, B and C with 100 poses."""
     assert entry("null", 2, 4) < 0.6 * entry("null", 2, 3)
@@ -151,6 +180,12 @@ def test_what_adds_nothing(table):
 
 def test_at_the_most_noise_every_window_is_contaminated():
     assert area("contaminated", "base", 5) > 0.995
+
+
+def test_least_squares_spreads_a_misfit_and_not_all_windows_with_wrong_labels_fail():
+    """At p = 0.05, where most windows are neither all wrong nor all right."""
+    contaminated, failed = (area(table, "base", 2) for table in ("contaminated", "failed"))
+    assert claim("0.05", "chi_square", 5) > contaminated + 0.2 > failed + 0.2
 
 
 @pytest.mark.parametrize("table", ["failed", "contaminated"])
