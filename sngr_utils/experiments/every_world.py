@@ -172,7 +172,7 @@ def newest_if_likelier(
     log, told, poses, _ = belief.whole()
     ours = rivals.by_em(log, conventions, (poses, belief.landmarks), 1.0)
     best = informed((world.poses[: belief.n_poses], world.landmarks))
-    likelier = best.cost < rivals.rival(log, told, ours).cost - estimator.BETTER
+    likelier = best.cost < rivals.rival(log, told, ours).cost - rivals.BETTER
     return best.found.poses[-1, :2] if likelier else np.full(2, np.nan)
 
 

@@ -42,8 +42,8 @@ from sngr_utils.world.log import Log, LogWarning, Measurements
 FIRST_LOOK = 5  # poses, before which too few ranges tell whether too many are lost
 SWEEPS = 3  # over all ranges, at most, per step
 MOST_LOST = 0.1  # share of all ranges that may be assigned to none
+MOST_BEYOND = 0.25  # share of the ranges that are more than one for each landmark of their scan
 P_PRIOR = (2.0, 8.0)  # wrong and right labels that count as seen before the first
-BETTER = 1.0  # nats that an estimate of EM must gain to be adopted
 
 
 class Settings(Checked):
@@ -129,12 +129,7 @@ def run(
     ----------
     watch : called with the belief after every step, e.g. to draw it
 
-    Warns
-    -----
-    LogWarning : scans have so many ranges that `exclusive` credits most of them to nothing
     """
-    if settings.exclusive:
-        _warn_of_repeats(log)
     online = Online(log.first(1), conventions, settings, rng=rng)
     for t in range(1, log.n_poses):
         online.take(of_pose(log, t))
@@ -150,9 +145,9 @@ def of_pose(log: Log, t: int) -> Log:
 
 
 def _warn_of_repeats(log: Log) -> None:
-    """Ranges beyond one for each landmark, scan by scan, are from none: say so if they prevail."""
+    """Ranges beyond one for each landmark, scan by scan, are from none: say so if they are many."""
     beyond = np.maximum(np.bincount(log.pose_of) - log.n_landmarks, 0).sum()
-    if beyond > 0.5 * len(log.ranges):
+    if beyond > MOST_BEYOND * len(log.ranges):
         warnings.warn(
             f"{beyond} of {len(log.ranges)} ranges are more than one for each landmark of a scan: "
             "if a landmark may be measured more than once in a scan, set exclusive=False",
@@ -289,7 +284,7 @@ class Online:
         ours = cost(log, poses, belief.landmarks, belief.shares) + rivals.price_of_slips(log, told)
         found = rivals.from_nothing(log, told, self._fit, poses, belief.landmarks)
         best = min(found, key=lambda one: one.cost)
-        if best.cost >= ours - BETTER:
+        if best.cost >= ours - rivals.BETTER:
             return
         belief.counts["batch restarts"] += 1
         self._adopt(best.log, told, best.found)
@@ -307,7 +302,7 @@ class Online:
         if not left.scale > 0:
             return
         corrected, stretched = left.corrected(log), len(log.ranges) * np.log(left.scale)
-        least = cost(log, poses, belief.landmarks, belief.shares) + BETTER
+        least = cost(log, poses, belief.landmarks, belief.shares) + rivals.BETTER
         if not cost(corrected, found.poses, found.landmarks, found.shares) + stretched <= least:
             return
         self.calibration = self.calibration.after(found.calibration)
@@ -336,15 +331,23 @@ class Online:
         turn_over(self.belief)
 
     def result(self) -> OnlineEstimate:
-        """The estimate, with its uncertainty, and what there is to doubt."""
+        """The estimate, with its uncertainty, and what there is to doubt.
+
+        Warns
+        -----
+        DoubtWarning : it may be wrong, and why
+        LogWarning : scans have so many ranges that `exclusive` credits many of them to nothing
+        """
         belief = self.belief
-        if self.calibration.open:
+        if self.settings.exclusive:
+            _warn_of_repeats(belief.whole()[0])
+        if self.calibration.open and belief.present.any():
             self._calibrate()
         graph_poses = belief.whole()[2]
         best, gap = self._stand_against_rivals()
         ours, (log, told, poses, used) = best.found, belief.whole()
         calibrated, cost_of_it, asked = self.calibration, best.cost, log
-        if calibrated.open:
+        if calibrated.open and belief.present.any():
             log = calibrated.uncut(log, np.concatenate(self.measured))
             asked = calibrated.opened(log)
             ours = self._fit(asked, (poses, belief.landmarks), 1.0)
@@ -352,6 +355,7 @@ class Online:
             log = calibration.of(log).after(ours.calibration).corrected(log)
             cost_of_it = rivals.rival(log, told, ours).cost
             cost_of_it += len(log.ranges) * np.log(calibrated.scale)  # of ranges as measured
+            belief.in_doubt |= mirrors.elsewhere(best.found, ours)
         landmarks = ours.landmarks
         either = mirrors.over_sides(ours.poses, mirrors.turned(ours), log.n_landmarks)
         if self.settings.soft:
@@ -371,7 +375,7 @@ class Online:
         belief.counts["slips"] = int(belief.slipped.sum())
         belief.counts["dropped"] = int(np.sum(used == DROPPED))
         belief.counts["swapped"] = int(np.sum((used != DROPPED) & (used != log.label_of)))
-        doubts = diagnosis.diagnose(asked, told, ours, gap, lambda *of: self._fit(*of, 1.0))
+        doubts = diagnosis.diagnose(asked, ours, gap, lambda *of: self._fit(*of, 1.0))
         found = OnlineEstimate(
             poses, landmarks, own, in_doubt, graph_poses, used,
             covariances, np.array([calibrated.scale, calibrated.offset]),
@@ -390,6 +394,8 @@ class Online:
         by_slips = settings.restart and settings.doubt_odometry and log.n_poses <= 2 * WINDOW
         others = rivals.against(log, told, ours.found, self._fit, by_slips)
         before = self._likelier(ours, others)
+        if settings.restart and settings.doubt_odometry:
+            before = rivals.reconsidered(before, told, self._fit)
         sides = rivals.on_other_sides(told, before, self._fit)
         best = self._likelier(before, sides)
         turned = belief.counts["landmarks turned over"]
@@ -420,7 +426,7 @@ class Online:
     def _likelier(self, ours: rivals.Rival, others: list[rivals.Rival]) -> rivals.Rival:
         """The likeliest of all, if it is better than ours and may be adopted; else ours."""
         best = min([ours, *others], key=lambda one: one.cost)
-        return best if self.settings.restart and best.cost < ours.cost - BETTER else ours
+        return best if self.settings.restart and best.cost < ours.cost - rivals.BETTER else ours
 
     def _vague(self) -> np.ndarray:
         """(K,) bool, landmarks that are nowhere well enough to tell their ranges from others'."""

@@ -26,6 +26,7 @@ STRIDE = 4  # steps for which the parts before and after are placed once
 ENDS = 3  # groups of steps at either end that are always asked: wrong labels there are few
 EXPLAINED = 0.9  # share of the ranges of scans that lie where they are, clutter left out
 OPEN = 0.5  # probability of no landmark that frees a range for one that starts again
+BETTER = 1.0  # nats that an estimate must gain to be adopted
 MANY = 0.1  # share of the ranges that no landmark explains
 
 Fit = Callable[[Log, tuple[np.ndarray, np.ndarray], float], SoftEstimate]
@@ -154,8 +155,7 @@ def from_nothing(
 
 def _with_and_without_slips(log: Log, told: np.ndarray) -> list[Log]:
     """The log, and it without its slips if it has any."""
-    slipped = (log.odometry_covariances != told).any()
-    return [log, log.with_covariances(told)] if slipped else [log]
+    return [log, log.with_covariances(told)] if _slipped(log, told) else [log]
 
 
 def against(
@@ -173,7 +173,7 @@ def against(
     if by_slips:
         best = min(found, key=lambda one: one.cost)
         *slipped, plain = _with_and_without_slips(log, told)
-        asked = slipped or diagnosis.may_have_slipped(best.log, told, best.found)
+        asked = slipped or diagnosis.may_have_slipped(best.log, best.found)
         found += with_a_slip(plain, fit, bool(asked))
     return found
 
@@ -206,6 +206,41 @@ def with_a_slip(log: Log, fit: Fit, everywhere: bool) -> list[Rival]:
             torn, start = distrusting(log, step), np.vstack([early[: step + 1], late[step + 1 :]])
             found.append(rival(torn, told, fit(torn, (start, places), growing_map.LAST)))
     return found
+
+
+def reconsidered(ours: Rival, told: np.ndarray, fit: Fit) -> Rival:
+    """The estimate with each of its slips anew: one that also turned, none, or a neighbour's.
+
+    What is likelier is taken, until a round over all slips changes nothing.
+    """
+    best, waiting = ours, _slipped(ours.log, told)
+    while waiting:
+        step, before = waiting.pop(), best
+        for other in (step, None, step - 1, step + 1):
+            taken = other in _slipped(before.log, told) and other != step
+            if taken or other in (-1, len(told)):
+                continue
+            torn = _instead(before.log, told, step, other)
+            for widest in (1.0, em.WIDEST):
+                start = before.found.poses, before.found.landmarks
+                found = rival(torn, told, fit(torn, start, widest))
+                best = found if found.cost < best.cost - BETTER else best
+        if best is not before:
+            waiting = _slipped(best.log, told)
+    return best
+
+
+def _slipped(log: Log, told: np.ndarray) -> list[int]:
+    """The steps of a log that are wider than told."""
+    return np.flatnonzero((log.odometry_covariances != told).any(axis=(1, 2))).tolist()
+
+
+def _instead(log: Log, told: np.ndarray, step: int, other: int | None) -> Log:
+    """A log of which one step has not slipped, but another one, if any."""
+    covariances = log.odometry_covariances.copy()
+    covariances[step] = told[step]
+    log = log.with_covariances(covariances)
+    return log if other is None else distrusting(log, other)
 
 
 def _neighbours(n: int) -> list[np.ndarray]:

@@ -48,7 +48,7 @@ class Diagnosis:
     held_out_p : its p-value, if such ranges are as many as among all
     worst_run : p-value of the run of poses with the most of them, see `worst_run`
     residual : mean squared normalised residual of what is assigned, per degree of freedom
-    worst_step : p-value of the worst step of the odometry that is trusted, for as many as there are
+    worst_step : p-value of the worst step of the odometry, for as many as there are
     drift : what every step, or range, seems to be wrong by, see `misfit.worst`
     rival : by how much the best other estimate is less likely, [nats]; infinite if there is none
     vague : sigma of a position, over the poses in the mean square, in range sigmas; infinite
@@ -76,7 +76,8 @@ class Diagnosis:
                 self.held_out_p < RARE,
             f"some poses have too many ranges that fit nothing (p {self.worst_run:.0e})":
                 self.worst_run < RARE,
-            f"residuals are {self.residual:.1f} times the noise": self.residual > MOST_RESIDUAL,
+            f"residuals have {self.residual:.1f} times the variance told":
+                self.residual > MOST_RESIDUAL,
             f"a step of the odometry is missed (p {self.worst_step:.0e})": self.worst_step < RARE,
             f"odometry and map disagree by a drift {self.drift.name} "
             f"(of {self.drift.size:.1f} sigmas, p {self.drift.p_value:.0e})":
@@ -92,12 +93,11 @@ class Diagnosis:
         return len(self.reasons) > 0
 
 
-def diagnose(log: Log, told: np.ndarray, found: SoftEstimate, rival: float, fit: Fit) -> Diagnosis:
+def diagnose(log: Log, found: SoftEstimate, rival: float, fit: Fit) -> Diagnosis:
     """What there is to doubt of an estimate.
 
     Parameters
     ----------
-    told : (T-1, 3, 3) covariances of the odometry as measured
     rival : see `Diagnosis`
     fit : EM over a log from (T, 3) poses and (K, 2) landmarks
     """
@@ -113,7 +113,7 @@ def diagnose(log: Log, told: np.ndarray, found: SoftEstimate, rival: float, fit:
         held_out_p=held_out_p,
         worst_run=worst_run(log, none),
         residual=float(squared / freedom) if freedom > 0 else 1.0,
-        worst_step=worst_step(log, told, found.poses),
+        worst_step=worst_step(log, found.poses),
         drift=misfit.worst(log, found),
         rival=float(rival),
         vague=float(spread / np.median(log.range_sigmas)) if len(log.ranges) else np.inf,
@@ -169,32 +169,33 @@ def _in_runs(values: np.ndarray, length: int) -> np.ndarray:
     return total[length:] - total[:-length]
 
 
-def worst_step(log: Log, told: np.ndarray, poses: np.ndarray) -> float:
-    """p-value of the worst step of the odometry that is trusted, see `Diagnosis`.
+def worst_step(log: Log, poses: np.ndarray) -> float:
+    """p-value of the worst step of the odometry, see `Diagnosis`.
 
     An estimate follows its odometry, so that it misses it by less than the noise: the value is
-    too large rather than too small.
-
-    Parameters
-    ----------
-    told : (T-1, 3, 3) covariances as measured; where those of the log are others, it slipped
+    too large rather than too small. A step that slipped counts by what is trusted of it.
     """
-    trusted = (log.odometry_covariances == told).all(axis=(1, 2))
-    if not trusted.any():
+    if log.n_poses < 2:
         return 1.0
-    missed = (relative_motion(poses) - log.odometry)[trusted]
+    missed = relative_motion(poses) - log.odometry
     missed[:, 2] = wrap_angle(missed[:, 2])
-    white = np.linalg.solve(np.linalg.cholesky(told[trusted]), missed[..., None])[..., 0]
+    lower = np.linalg.cholesky(log.odometry_covariances)
+    white = np.linalg.solve(lower, missed[..., None])[..., 0]
     worst = np.max(np.sum(white**2, axis=1))
     return float(min(1.0, stats.chi2.sf(worst, 3) * len(missed)))
 
 
-def may_have_slipped(log: Log, told: np.ndarray, found: SoftEstimate) -> bool:
-    """Is it worth while to ask which of the trusted steps has slipped?
+def may_have_slipped(log: Log, found: SoftEstimate) -> bool:
+    """Is it worth while to ask which of the steps has slipped?
 
     If one did, it is missed, or wrong labels explain the poses on its other side: they come in a
     run, perhaps of one pose.
     """
+    run = worst_run(log, unlike_labels(log, found), 1)
+    return worst_step(log, found.poses) < POSSIBLE or run < POSSIBLE
+
+
+def unlike_labels(log: Log, found: SoftEstimate) -> np.ndarray:
+    """(M,) probability that a range is not from its label's landmark; without one, from none."""
     right = found.weights[np.arange(len(log.ranges)), log.label_of]
-    right[log.label_of == NO_LABEL] = 1 - found.weights[log.label_of == NO_LABEL, -1]
-    return worst_step(log, told, found.poses) < POSSIBLE or worst_run(log, 1 - right, 1) < POSSIBLE
+    return 1 - np.where(log.label_of == NO_LABEL, 1 - found.weights[:, -1], right)

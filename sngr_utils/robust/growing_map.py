@@ -255,7 +255,7 @@ def _diagnosed(log: Log, soft: em.SoftEstimate) -> Diagnosis:
     sure = np.ones(log.n_landmarks, dtype=bool)
     gaps = [score(log, soft) - score(log, one) for one in sides if mirrors.differ(soft, one, sure)]
     gap = max(min(gaps, default=np.inf), 0.0)
-    return diagnosis.diagnose(log, log.odometry_covariances, soft, gap, fit)
+    return diagnosis.diagnose(log, soft, gap, fit)
 
 
 def _doubts(log: Log, soft: em.SoftEstimate, scores: list[float], told: Diagnosis) -> list[str]:
@@ -263,6 +263,9 @@ def _doubts(log: Log, soft: em.SoftEstimate, scores: list[float], told: Diagnosi
     found = list(told.reasons)
     if not _found_twice(scores):
         found.append(f"{len(scores)} searches have found {len(scores)} maps")
+    run = diagnosis.worst_run(log, diagnosis.unlike_labels(log, soft))
+    if run < diagnosis.RARE:  # nobody has asked which
+        found.append(f"some poses have too many wrong labels (p {run:.0e}): has a step slipped?")
     lost = np.flatnonzero(starving(log, soft)).tolist()
     if lost:
         found.append(f"landmarks {lost} have hardly a range")
