@@ -391,11 +391,12 @@ class Online:
         belief, settings = self.belief, self.settings
         log, told, poses, _ = belief.whole()
         ours = rivals.rival(log, told, self._fit(log, (poses, belief.landmarks), 1.0))
-        by_slips = settings.restart and settings.doubt_odometry and log.n_poses <= 2 * WINDOW
+        by_slips = settings.restart and settings.doubt_odometry
         others = rivals.against(log, told, ours.found, self._fit, by_slips)
         before = self._likelier(ours, others)
         if settings.restart and settings.doubt_odometry:
-            before = rivals.reconsidered(before, told, self._fit)
+            before, made = rivals.reconsidered(before, told, self._fit)
+            others += made
         sides = rivals.on_other_sides(told, before, self._fit)
         best = self._likelier(before, sides)
         turned = belief.counts["landmarks turned over"]

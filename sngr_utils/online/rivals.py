@@ -13,13 +13,13 @@ from typing import NamedTuple
 import numpy as np
 
 from sngr_utils.online import relocalisation, slips
-from sngr_utils.online.belief import LOOSE, TURNED, cost
+from sngr_utils.online.belief import LOOSE, TURNED, WINDOW, cost
 from sngr_utils.robust import diagnosis, em, growing_map, mirrors, naming
 from sngr_utils.robust.em import SoftEstimate
 from sngr_utils.slam import landmark_starts
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.world.dead_reckoning import dead_reckoning
-from sngr_utils.world.log import NO_LABEL, Log
+from sngr_utils.world.log import Log
 
 SCANS = 8  # next to the slip, by which the shorter part is localised
 STRIDE = 4  # steps for which the parts before and after are placed once
@@ -84,6 +84,25 @@ def blind(log: Log, fit: Fit, poses: np.ndarray, known: np.ndarray) -> SoftEstim
     return renamed(log, repaired(log, best, fit) if _wanting(best) else best, fit)
 
 
+def grown(log: Log, fit: Fit, known: np.ndarray) -> list[SoftEstimate]:
+    """EM from maps that grew from a short stretch, one by the labels if there are some, one not.
+
+    Parameters
+    ----------
+    known : (K, 2) landmarks after which those without labels are numbered
+    """
+    labelled, bare = naming.have_labels(log), growing_map.without_labels(log)
+    found = []
+    for part in [log, bare] if labelled else [bare]:
+        soft = growing_map.grow(part, growing_map.PER_LANDMARK, growing_map.GROWTH)
+        places = soft.landmarks
+        if part is bare:
+            places = naming.named(log, soft) if labelled else (
+                naming.numbered_like(log, places, known))  # fmt: skip
+        found.append(fit(log, (soft.poses, places), 1.0))
+    return found
+
+
 def _wanting(found: SoftEstimate) -> bool:
     """Is a landmark absent, or are there many ranges that none explains?"""
     return bool(np.isnan(found.landmarks).any() or found.weights[:, -1].mean() > MANY)
@@ -96,7 +115,7 @@ def repaired(log: Log, found: SoftEstimate, fit: Fit) -> SoftEstimate:
     that are its own or that nothing explains: whatever they are labelled, they are nobody else's.
     """
     absent = np.isnan(found.landmarks[:, 0])
-    unlabelled = log._with(label_of=np.full(len(log.ranges), NO_LABEL), label_probabilities=None)
+    unlabelled = growing_map.without_labels(log)
     for lost in [absent, *np.eye(log.n_landmarks, dtype=bool)]:
         nobodys = found.weights[:, -1] > OPEN
         free = nobodys | lost[np.minimum(np.argmax(found.weights, axis=1), log.n_landmarks - 1)]
@@ -163,14 +182,19 @@ def against(
 ) -> list[Rival]:
     """Other estimates of a whole log: from nothing, and with fewer or other slips.
 
+    A log that is long gets those only whose work does not grow faster than it.
+
     Parameters
     ----------
     told : as `from_nothing` has it
     by_slips : ask which step has slipped
     """
+    short = log.n_poses <= 2 * WINDOW
     found = [rival(log, told, renamed(log, ours, fit))]
     found += from_nothing(log, told, fit, ours.poses, ours.landmarks)
-    if by_slips:
+    if short and len(log.ranges):
+        found += [rival(log, told, one) for one in grown(log, fit, ours.landmarks)]
+    if short and by_slips:
         best = min(found, key=lambda one: one.cost)
         *slipped, plain = _with_and_without_slips(log, told)
         asked = slipped or diagnosis.may_have_slipped(best.log, best.found)
@@ -208,12 +232,12 @@ def with_a_slip(log: Log, fit: Fit, everywhere: bool) -> list[Rival]:
     return found
 
 
-def reconsidered(ours: Rival, told: np.ndarray, fit: Fit) -> Rival:
+def reconsidered(ours: Rival, told: np.ndarray, fit: Fit) -> tuple[Rival, list[Rival]]:
     """The estimate with each of its slips anew: one that also turned, none, or a neighbour's.
 
-    What is likelier is taken, until a round over all slips changes nothing.
+    What is likelier is taken, until a round over all slips changes nothing; and all that were made.
     """
-    best, waiting = ours, _slipped(ours.log, told)
+    best, waiting, made = ours, _slipped(ours.log, told), []
     while waiting:
         step, before = waiting.pop(), best
         for other in (step, None, step - 1, step + 1):
@@ -223,11 +247,11 @@ def reconsidered(ours: Rival, told: np.ndarray, fit: Fit) -> Rival:
             torn = _instead(before.log, told, step, other)
             for widest in (1.0, em.WIDEST):
                 start = before.found.poses, before.found.landmarks
-                found = rival(torn, told, fit(torn, start, widest))
-                best = found if found.cost < best.cost - BETTER else best
+                made.append(rival(torn, told, fit(torn, start, widest)))
+                best = made[-1] if made[-1].cost < best.cost - BETTER else best
         if best is not before:
             waiting = _slipped(best.log, told)
-    return best
+    return best, made
 
 
 def _slipped(log: Log, told: np.ndarray) -> list[int]:

@@ -97,7 +97,7 @@ def _search(log: Log, progress: Callable[[float], None]) -> tuple[em.SoftEstimat
     """The likeliest map that the searches have found, and the scores of all."""
     maps, scores = [], []
     for i, (labelled, per_landmark, growth) in enumerate(SEARCHES):
-        found = grow(log if labelled else _without_labels(log), per_landmark, growth)
+        found = grow(log if labelled else without_labels(log), per_landmark, growth)
         if not labelled:
             found = _fit(log, (found.poses, naming.named(log, found)), found.calibration, 1.0)
         maps.append(found)
@@ -108,7 +108,8 @@ def _search(log: Log, progress: Callable[[float], None]) -> tuple[em.SoftEstimat
     return maps[int(np.argmax(scores))], scores
 
 
-def _without_labels(log: Log) -> Log:
+def without_labels(log: Log) -> Log:
+    """The log, none of whose ranges says which landmark it is from."""
     return replace(log, label_of=np.full(len(log.ranges), NO_LABEL), label_probabilities=None)
 
 
@@ -172,7 +173,7 @@ def count_landmarks(log: Log, most: int) -> tuple[int, list[float]]:
     scores = []
     for k in range(1, most + 1):
         some = replace(
-            _without_labels(log), n_landmarks=k,
+            without_labels(log), n_landmarks=k,
             landmark_means=np.full((k, 2), np.nan), landmark_sigmas=np.full(k, np.nan),
         )  # fmt: skip
         scores.append(score(some, grow(some, PER_LANDMARK, GROWTH)) - k * math.log(len(log.ranges)))
