@@ -27,8 +27,14 @@ def entry(table, row, column, part=1):
 
 
 def said(notebook, source):
-    """The numbers, in order, that one stored cell prints: the one with `source` in its code."""
+    """The numbers, in order, that one stored cell prints or shows in the cells of a table.
+
+    source : what stands in the code of this cell and of no other
+    """
     code = [cell for cell in read_notebook(notebook).cells if cell.cell_type == "code"]
     (cell,) = (cell for cell in code if source in cell.source)
     text = "".join(out.text for out in cell.outputs if out.output_type == "stream")
+    tables = "".join(out.get("data", {}).get("text/html", "") for out in cell.outputs)
+    shown = (re.sub("<.*?>", "", one) for one in re.findall("<td.*?</td>", tables))
+    text += " ".join(shown).replace("−", "-")
     return [float(found) for found in re.findall(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?", text)]
