@@ -167,6 +167,9 @@ def test_where_the_descent_ends_depends_on_its_start_and_its_sigma_does_not(less
     ends = [lesson["gauss_newton"](lesson["two_rings"], start)[-1] for start in starts]
     below = [end[1] < start_here.LANDMARKS[0, 1] for end in ends]
     assert below == [True, True, False]
+    for start, end in zip(starts, ends, strict=True):
+        path = lesson["gauss_newton"](lesson["two_rings"], start, n_steps=6)
+        assert np.linalg.norm(path[-1] - end) < 0.01  # few steps are enough
     jacobians = [lesson["two_rings"](end)[1] for end in ends]
     sigmas = [np.sqrt(np.diag(np.linalg.inv(J.T @ J))) for J in jacobians]
     assert np.allclose(sigmas, sigmas[0], rtol=0.05)
@@ -228,6 +231,22 @@ def test_only_the_landmark_that_lost_a_range_is_known_less_well(lesson, start):
     covariances = [lesson["fit"](drive, start)[2] for drive in drives]
     right, wrong = (np.sqrt(np.diag(c).reshape(7, 2).sum(axis=1)) for c in covariances)
     assert [NAMES[n] for n in np.flatnonzero(wrong > 1.1 * right)] == ["l2"]
+
+
+def test_ellipses_cover_the_truth_with_right_labels_and_from_the_second_place_not_with_a_wrong_one(
+    lesson, start
+):
+    """Two standard deviations; the last place is drawn towards the first landmark."""
+    covered, apart = [], []
+    for drive in (lesson["drive"], lesson["drive"].credited_wrongly(lesson["wrong"])):
+        _, end, covariance = lesson["fit"](drive, start)
+        offsets = end[:10].reshape(5, 2) - start_here.POSES
+        blocks = [covariance[2 * n : 2 * n + 2, 2 * n : 2 * n + 2] for n in range(5)]
+        squares = [e @ np.linalg.solve(block, e) for e, block in zip(offsets, blocks, strict=True)]
+        covered.append([bool(square < 2**2) for square in squares])
+        apart.append(np.linalg.norm(end[8:10] - end[10:12]))
+    assert covered == [[True] * 5, [True] + [False] * 4]
+    assert apart[1] < apart[0] - 1  # m
 
 
 def test_weak_odometry_lets_a_wrong_label_pass_for_less():

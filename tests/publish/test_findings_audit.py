@@ -65,6 +65,7 @@ def test_scores_rank_within_a_world_and_not_over_worlds():
         within = {preset: entry("auc", row_of(preset, p), 4) for preset in READINGS}
         for preset in READINGS:
             assert 1 / 3 < entry("auc", row_of(preset, p), 3) < 2 / 3
+            assert within[preset] > entry("auc", row_of(preset, p), 3)
             assert preset == "B" or within[preset] > within["B"]
             assert preset == "B" or entry("auc", row_of(preset, p), 4, 2) > 0.5
 

@@ -41,6 +41,12 @@ def test_it_misses_three_failures_of_four_at_one_tenth_and_two_and_most_at_three
     recall = over("recall")[:, 0]
     assert (np.abs(recall[1:3] - 0.25) < 0.05).all()
     assert recall[3] < 0.5
+    assert abs(recall[4] - 0.5) < 0.06
+
+
+def test_at_the_fewest_wrong_labels_its_worlds_fail_more_than_all_worlds():
+    assert over("base_there")[1, 0] > over("base_rate")[1, 0] + 0.2
+    assert (over("precision")[1:, 0] > 0.9).all()
 
 
 def test_its_score_ranks_failures_within_a_world():

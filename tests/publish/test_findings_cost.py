@@ -121,6 +121,7 @@ def test_one_by_one_the_closure_costs_what_its_factors_say_and_in_one_call_half_
 
 def test_most_of_a_windows_time_is_no_likelihood_and_all_windows_cost_a_few_runs_of_isam2():
     assert abs(value("cost.likelihood_share") - 100 / 3) < 8  # per cent: two thirds are overhead
+    assert value("engine.fast.ratio") * value("engine.closure_loop.ratio") > 200
     assert value("engine.nested.ratio") > 20  # more calls, compiled: they need next to nothing
     assert 1 < value("engine.fast_all_over_isam2") < 10
 

@@ -59,6 +59,8 @@ def test_it_fires_under_every_preset_at_small_p_and_on_clean_data():
 def test_odometry_alone_is_better_from_the_first_wrong_labels_on():
     assert (rows(0)[1:, 2] > value("sngr.odometry_rmse")).all()
     assert rows(0)[0, 2] < value("sngr.odometry_rmse")
+    printed = [value(f"tab_sngr.row{4 + i}.column3") for i in (1, 2, 3, 4)]
+    assert (np.array(printed) > rows(1)[:, 2]).all()
 
 
 def test_the_gate_is_ten_times_finer_than_the_noise_of_a_mean():
