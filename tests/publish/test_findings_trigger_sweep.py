@@ -167,6 +167,16 @@ def test_wrong_labels_bend_the_way_but_not_its_turns_nor_the_arch(worlds):
     assert noisy.failed.sum() > 14
 
 
+def test_circles_of_right_labels_meet_in_the_pose_and_others_miss_it_by_metres(worlds):
+    """The pose that is drawn, a third of the way round the first world, at p = 0.3."""
+    world = worlds[0.3, 0].world
+    of_pose = world.pose_of == 10
+    away = world.poses[10, :2] - world.landmarks[world.label_of[of_pose]]
+    misses = np.abs(np.hypot(*away.T) - world.ranges[of_pose])
+    right = world.label_of[of_pose] == world.source_of[of_pose]
+    assert misses[right].max() < 0.2 < 2 < misses[~right].min()
+
+
 def test_the_arch_is_of_the_first_heading():
     """The far side of the circle has the top; with a known heading it lies below the threshold."""
     scores = {
