@@ -91,6 +91,26 @@ def test_masses_are_of_the_modes_wherever_isam2_ended():
     assert (lower.upper_masses < 0.2).all()
 
 
+def test_the_points_alive_at_the_end_carry_a_third_and_the_last_weighs_most(bimodal_result):
+    """Where a run stops is a rule in nats, so the share hardly depends on the run."""
+    weights, n_live = bimodal_result.run.weights, bimodal_result.config.n_live
+    assert weights[-n_live:].sum() == pytest.approx(1 / 3, abs=0.03)
+    assert weights.argmax() >= len(weights) - n_live
+
+
+def test_at_the_saddle_the_wide_prior_only_lengthens_the_run(bimodal_result):
+    """At c = 1 both modes are found as well: the covariance there is as wide as the weak prior.
+
+    Four runs each between 0.1 and 0.9; a mass scatters by 0.09 (4 of its sigmas: 5e-4 for all).
+    """
+    config = bimodal_result.config
+    assert np.sqrt(bimodal_result.covariance[1, 1]) == pytest.approx(config.landmark_prior_sigma)
+    plain = bimodal.run(config.model_copy(update={"prior_scale": 1.0, "n_repeats": 4}))
+    assert ((plain.upper_masses > 0.1) & (plain.upper_masses < 0.9)).all()
+    calls = [np.mean([one.calls for one in found.runs]) for found in (plain, bimodal_result)]
+    assert calls[0] < 0.8 * calls[1]
+
+
 def test_one_run_cannot_know_its_own_mass_error(bimodal_result):
     """The spread of 20 runs exceeds the resampled error; the ratio is near 3.5.
 

@@ -5,7 +5,7 @@ import re
 import pytest
 from helpers import paper_text, read_notebook
 
-from sngr_utils import paths
+from sngr_utils import paths, real_data
 
 NOTEBOOKS = sorted(path.stem for path in paths.NOTEBOOKS.glob("*.ipynb"))
 DOCS = sorted((paths.ROOT / "docs").rglob("*.md"))
@@ -25,6 +25,20 @@ def test_a_section_that_is_named_is_in_its_notebook():
         cells = [c.source for c in read_notebook(name).cells if c.cell_type == "markdown"]
         headings = re.findall(r"^#+ (?:\d+\. )?(.*)$", "\n".join(cells), re.MULTILINE)
         assert section in headings, (section, name)
+
+
+def test_systems_that_have_rows_on_the_real_drives_are_those_the_page_names():
+    page = (paths.ROOT / "docs" / "other_systems.md").read_text(encoding="utf-8")
+    named = {
+        "least squares": "least_squares", "Huber": "huber", "Cauchy": "cauchy", "DCS": "dcs",
+        "Geman-McClure": "geman_mcclure", "switchable constraints": "switchable", "EM": "em",
+    }  # fmt: skip
+    (rows,) = (line for line in page.splitlines() if line.endswith("| rows of these names |"))
+    assert all(re.search(rf"\b{name}\b", rows) for name in [*named, "max-mixtures"])
+    quoted = {"gnc_tls", "gnc_gm", "gnc_tls_superlinear", "isam", "isam2"}
+    assert all(f"`{name}`" in page for name in quoted)
+    mixtures = {"max_mixture_all", "max_mixture_null"}
+    assert set(real_data.study("plaza_peers")["method"]) == {*named.values(), *quoted, *mixtures}
 
 
 def test_the_glossary_is_one_sentence_a_term_in_order():

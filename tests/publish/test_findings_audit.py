@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 import stored_results
 from scipy import stats
-from stored_results import RESULTS, value, worlds
+from stored_results import RESULTS, said, value, worlds
 
 from sngr_utils.metrics import summaries
+from sngr_utils.metrics.rmse_and_nees import rmse
 from sngr_utils.slam.conventions import PRESETS
+from sngr_utils.slam.levenberg_marquardt import converge
 from sngr_utils.sngr import trigger
 from sngr_utils.sngr.baseline import run_baseline
 from sngr_utils.world.scenario import Scenario
@@ -64,9 +66,9 @@ def test_scores_rank_within_a_world_and_not_over_worlds():
         within = {preset: entry("auc", row_of(preset, p), 4) for preset in READINGS}
         for preset in READINGS:
             assert 1 / 3 < entry("auc", row_of(preset, p), 3) < 2 / 3
+            assert within[preset] > entry("auc", row_of(preset, p), 3)
             assert preset == "B" or within[preset] > within["B"]
             assert preset == "B" or entry("auc", row_of(preset, p), 4, 2) > 0.5
-            assert within[preset] > entry("auc", row_of(preset, p), 3)
 
 
 @pytest.mark.parametrize("preset", READINGS)
@@ -112,7 +114,7 @@ def test_gains_are_what_the_solver_left(preset):
     if preset == "B":
         assert max(after) < 0.05
     else:
-        assert min(after[:3]) > 5
+        assert np.abs(np.array(after[:3]) - 6).max() < 0.5
         assert after[3] < 0.5 * after[2]
     assert abs(after[-1]) < 1e-3
 
@@ -182,9 +184,30 @@ def test_settling_moves_more_than_refining_and_the_marginal_version_harms_under_
         assert entry("corrected", first, 7, 3) < 0  # the third highest of twelve
     for row in (1, 4, 7):
         assert entry("corrected", row, 6) < 0.01  # nothing to gain
-        assert abs(entry("corrected", row + 1, 8)) < 10  # mm, in the median
+        assert abs(entry("corrected", row + 1, 8)) < 1.5  # mm, in the median
     assert entry("corrected", 8, 8, 3) > 100
     assert all(entry("corrected", row, 9) > 20 for row in range(1, 10))
+
+
+@pytest.mark.parametrize("preset", ["A", "C"])
+def test_settling_helps_ten_worlds_of_twelve_and_harms_two(preset):
+    """The worlds of `corrected`, settled here: the table has the median and its interval only."""
+    runs = [run_baseline(Scenario(), PRESETS[preset], 0.2, seed) for seed in range(12)]
+    moved = [
+        rmse(converge(run.solution).poses[:, :2], run.world.poses[:, :2]) - run.pose_rmse
+        for run in runs
+    ]
+    found = entry("corrected", 1 + 3 * READINGS.index(preset), 7)
+    assert np.isclose(1000 * np.median(moved), found, atol=1)
+    assert (np.sign(moved) == 1).sum() == 2
+    assert (np.sign(moved) == -1).sum() == 10
+
+
+def test_the_marginal_version_makes_some_worlds_under_c_much_worse():
+    """Exercise 3: worlds, metres before, and per cent accepted, much worse and of the others."""
+    worse, _, _, others, _, _ = said("05_audit", "worse = (marginal")
+    assert worse > 1
+    assert worse + others == 12
 
 
 @pytest.mark.parametrize("separators", ["conditional", "marginal"])
@@ -263,3 +286,9 @@ def test_intervals_hold_in_nine_cases_of_ten_and_in_fewer_at_one_tenth(measure):
     assert min(held, key=held.get)[1] == "0.1"
     assert min(held.values()) < 0.89
     assert max(skew, key=skew.get)[1] == "0.1"
+
+
+def test_a_gain_in_four_worlds_of_five_is_missed_by_ten_worlds_and_found_by_thirty():
+    """Exercise 2: chance that the test rejects."""
+    five, ten, twenty, thirty = said("05_audit", "def power_of")[1::2]
+    assert five == 0 < ten < 0.5 < 0.75 < twenty < 0.9 < thirty

@@ -3,9 +3,10 @@
 import re
 
 import numpy as np
-from helpers import read_notebook
-from stored_results import entry, value
+from helpers import cells_from_scratch, read_notebook
+from stored_results import entry, said, value
 
+from sngr_utils import bimodal
 from sngr_utils.world.two_anchors import TwoAnchors
 
 PRINTED, OURS = 2, 3  # columns; the rows are those of the whole table
@@ -71,3 +72,66 @@ def test_a_mode_is_seen_through_a_prior_a_hundred_times_as_wide_and_not_through_
     assert float(least) < 0.01
     assert 0.4 < float(most) < 0.5
     assert 1.5 < float(many) / float(few) < 2.5
+
+
+def test_the_condition_number_sees_a_free_direction_and_no_second_mode():
+    """Of four eigenvalues that are smallest: tiny and positive, negative, and twice the same."""
+    world = TwoAnchors()
+    at_saddle, at_mode = world.modes.mean(axis=0), world.modes[0]
+    tangent, full = world.gauss_newton_hessian, world.full_hessian
+    assert np.linalg.eigvalsh(full(at_saddle))[0] < 0 < np.linalg.eigvalsh(tangent(at_saddle))[0]
+    assert np.linalg.cond(tangent(at_saddle)) > 1000 > 2 > np.linalg.cond(tangent(at_mode))
+    assert np.allclose(tangent(at_mode), full(at_mode), rtol=0.01)
+
+
+class Starts:
+    """A generator of random numbers that keeps which live point each walk begins at."""
+
+    def __init__(self, rng):
+        self.rng, self.drawn = rng, []
+
+    def integers(self, *ends):
+        self.drawn.append(self.rng.integers(*ends))
+        return self.drawn[-1]
+
+    def __getattr__(self, name):
+        return getattr(self.rng, name)
+
+
+def test_from_scratch_the_volume_wanders_and_clusters_part_when_four_in_ten_steps_are_done():
+    """The runs of the notebook's own cells, with its random numbers."""
+    config, cells = bimodal.Config(), cells_from_scratch("01_bimodal")
+    rng = Starts(np.random.default_rng([config.seed, 1]))
+    ends = np.array([-5.0]), np.array([5.0])
+    line = lambda point: float(config.profile(point[0], 1.0))  # noqa: E731
+    _, heights, _ = cells["nested_sampling"](line, *ends, 100, 700, rng)
+    on_grid = config.profile(np.linspace(-5, 5, 20001), 1.0)
+    left = np.log([np.mean(on_grid > height) for height in heights[:650]])
+    strays = left - cells["weigh"](heights, 100)[2][:650]
+    assert -0.5 < strays.min() < -0.05 < 0.15 < strays.max() < 0.5
+
+    def height(point):
+        lengths = np.linalg.norm(point - config.anchors, axis=1)
+        return -0.5 * np.sum(((lengths - config.measured_range) / config.range_sigma) ** 2)
+
+    rng.drawn = []
+    corners = config.saddle - 8, config.saddle + 8
+    points, heights, history = cells["nested_sampling"](height, *corners, 100, 1000, rng)
+    ys = [live[:, 1] for live in history]
+    assert min(np.abs(y).min() for y in ys[:300:100]) < 0.2  # no gap yet
+    assert min(np.abs(y).min() for y in ys[400:]) > 1  # m
+    for step in range(400, 999):
+        worst = np.argmin([height(point) for point in history[step]])
+        came_from = ys[step][(worst + rng.drawn[step]) % 100]
+        assert came_from * ys[step + 1][worst] > 0  # on its own side
+    upper = cells["weigh"](heights, 100)[1][points[:, 1] > 0].sum()
+    assert round(upper, 2) == said("01_bimodal", "draw_live_panels")[1]
+
+
+def test_what_is_printed_of_the_evidence_and_of_exercises_1_and_2():
+    log_z, error, exact = said("01_bimodal", "draw_weights")
+    assert abs(log_z - exact) < 3 * error
+    gain, before, narrower = said("01_bimodal", "correct = bimodal.run")
+    assert abs(gain / before - 2) < 0.01
+    assert abs(narrower - np.sqrt(2)) < 0.15
+    assert said("01_bimodal", "touching = bimodal.run")[-1] < 0.555

@@ -2,9 +2,14 @@
 
 import numpy as np
 import pytest
-from stored_results import value
+from stored_results import said, value
 
 from sngr_utils import trigger_sweep
+from sngr_utils.publish import authors
+from sngr_utils.publish import printed as of_the_paper
+from sngr_utils.slam.conventions import PRESETS
+from sngr_utils.sngr.baseline import run_baseline
+from sngr_utils.world.scenario import Scenario
 
 WIDTHS = {"tau": 4, "baseline": 5, "perseed": 5, "clean": 5, "ranking": 5}  # levels of a quantity
 FIRST = {"clean": 3, "ranking": 3}  # column of preset A, the fourth where a printed one stands
@@ -128,3 +133,108 @@ def test_the_rows_that_are_read_are_those_of_the_table(quantity):
     known = values[np.isfinite(values)]
     assert (known == known.round()).all() == (quantity in (5, 6))
     assert (known <= 1).all() == (quantity in (3, 4, 7))
+
+
+@pytest.fixture(scope="module")
+def worlds():
+    """(p, seed) -> the five worlds of the notebook under C."""
+    return trigger_sweep.run(trigger_sweep.Config()).runs
+
+
+def test_two_relinearisations_pass_isam2_and_the_last_pose_changes_few_rows():
+    """Cost and promise after none, one and two of them, and iSAM2's cost."""
+    found = said("02_trigger_sweep", "equations.start_of(clean.world)")
+    (_, first, promised), (_, second, then), (_, third, last), (stopped,) = (
+        found[:3], found[3:6], found[6:9], found[10:11],
+    )  # fmt: skip
+    assert first < promised
+    assert abs(second / then - 1) < 0.01
+    assert third == last < stopped < second
+    assert stopped / third < 1.001
+    assert found[11:13] == [3 + 3 + 2 * 6, 3 * 30 + 2 * 6]  # its own, its neighbour's, the map's
+
+
+def test_wrong_labels_bend_the_way_but_not_its_turns_nor_the_arch(worlds):
+    """The first world at p = 0 and 0.3: what the two pictures of chapter 2 are said to show."""
+    clean, noisy = worlds[0.0, 0], worlds[0.3, 0]
+    estimate, truth = noisy.solution.poses, noisy.world.poses
+    turns = np.diff(estimate[:, 2]) - np.diff(truth[:, 2])
+    assert np.abs(np.angle(np.exp(1j * turns))).max() < 0.05  # rad
+    steps, true = (np.hypot(*np.diff(at[:, :2], axis=0).T) for at in (estimate, truth))
+    assert (steps / true).min() < 0.7
+    assert (steps / true).max() > 1.4
+    assert noisy.position_errors.max() > 3  # m, of a window
+    assert np.median(np.abs(noisy.scores - clean.scores)) < 0.1
+    assert np.corrcoef(noisy.scores, clean.scores)[0, 1] > 0.9
+    assert clean.failed.sum() == 0
+    assert noisy.failed.sum() > 14
+
+
+def test_circles_of_right_labels_meet_in_the_pose_and_others_miss_it_by_metres(worlds):
+    """The pose that is drawn, a third of the way round the first world, at p = 0.3."""
+    world = worlds[0.3, 0].world
+    of_pose = world.pose_of == 10
+    away = world.poses[10, :2] - world.landmarks[world.label_of[of_pose]]
+    misses = np.abs(np.hypot(*away.T) - world.ranges[of_pose])
+    right = world.label_of[of_pose] == world.source_of[of_pose]
+    assert misses[right].max() < 0.2 < 2 < misses[~right].min()
+
+
+def test_the_arch_is_of_the_first_heading():
+    """The far side of the circle has the top; with a known heading it lies below the threshold."""
+    scores = {
+        sigma: run_baseline(
+            Scenario(),
+            PRESETS["C"].model_copy(update={"x0_sigmas": [0.1, 0.1, sigma]}),
+            0.0,
+            0,
+        ).scores
+        for sigma in (0.05, 0.001)
+    }
+    assert abs(scores[0.05].argmax() - 14) <= 2
+    assert scores[0.05].max() > 3.96 > scores[0.001][1:].max()
+
+
+def test_the_covariance_not_even_doubles_where_the_nees_explodes(worlds):
+    area = {
+        p: np.median([np.trace(each[:2, :2]) for each in worlds[p, 0].covariances])
+        for p in (0.0, 0.4)
+    }
+    assert 1 < area[0.4] / area[0.0] < 2
+
+
+def test_the_last_of_five_worlds_has_its_landmarks_close_together(worlds):
+    spread = [
+        np.linalg.norm(np.ptp(worlds[0.0, seed].world.landmarks, axis=0)) for seed in range(5)
+    ]
+    assert np.argmin(spread) == 4
+
+
+def test_windows_far_from_the_start_fail_more(worlds):
+    """Thirds of the way, under C at every share of wrong labels."""
+    failed = sum(each.failed for (p, _), each in worlds.items() if p > 0)
+    near, far, back = failed[:9].mean(), failed[9:19].mean(), failed[19:].mean()
+    assert far > max(near, back)
+
+
+def test_of_the_printed_pairs_all_come_out_but_one_that_was_rounded_twice():
+    verdicts = authors.compared(authors.read())
+    shown = {
+        path: verdicts[path]
+        for path in of_the_paper.leaves()
+        if path[0] == "baseline" and path[2] in ("rmse", "nees", "triggered")
+    }
+    assert len(shown) == 15
+    assert [path for path, found in shown.items() if found != authors.EQUAL] == [
+        ("baseline", "0.3", "nees")
+    ]
+    assert shown["baseline", "0.3", "nees"] == authors.TWICE
+
+
+def test_what_the_exercises_print():
+    """In centimetres nearly four more; the narrower the prior on the map, the fewer fire."""
+    metres, centimetres = said("02_trigger_sweep", "score_in_units(covariance, 100)")
+    assert 3.95 < centimetres - metres < 4
+    fires = said("02_trigger_sweep", "for sigma in (5.0, 2.0, 1.0, 0.5)")[1::2]
+    assert sorted(fires, reverse=True) == fires
+    assert fires[-1] == 0 < fires[0]
