@@ -56,7 +56,7 @@ class Contender:
     name : as the table shows it
     settings : of its sampler
     sample : (likelihood, covariance, settings, rng) -> WeightedSamples
-    repeats : runs for each run of dynesty
+    repeats : runs in each turn that it takes part in
     every : takes part in every so many turns
     """
 
@@ -95,10 +95,6 @@ def contenders(base: Baseline, settings: SamplerSettings) -> list[Contender]:
         Contender(CLOSURE_LOOP, settings, whole_closure, every=9),
         Contender(WINDOW_LOOP, settings, looped, every=3),
         Contender(f"dynesty {n}/{few}, one call to GTSAM", settings, through("dynesty"), every=3),
-        Contender(
-            f"dynesty {n}/{few}, compiled walk", settings, through("dynesty-compiled"), every=3
-        ),
-        Contender(f"dynesty {n}/{many}, compiled walk", long, through("dynesty-compiled")),
         Contender(f"compiled nested {n}/{few}", settings, through("nested"), 10),
         Contender(f"compiled nested {n}/{many}", long, through("nested"), 10),
         Contender("fast path", settings, through("fast"), 10),
