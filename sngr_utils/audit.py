@@ -141,10 +141,6 @@ def noop_readings(config: Config) -> pd.DataFrame:
 
 def bimodality_readings(runs: Sequence[WeightedSamples]) -> pd.DataFrame:
     """The bimodality coefficient of y by reading, one row per run of notebook 01's experiment."""
-    import pandas as pd
-
     from sngr_utils.experiments import sampler_numbers
 
-    return pd.DataFrame([
-        sampler_numbers.bimodality_readings(run.samples[:, 1], run.weights) for run in runs
-    ])
+    return sampler_numbers.bimodality_readings(runs)
