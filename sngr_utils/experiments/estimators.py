@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from sngr_utils.experiments.many_worlds import map_worlds
+from sngr_utils.experiments.many_worlds import map_rows
 from sngr_utils.metrics import rmse_and_nees, summaries
 from sngr_utils.robust import em, fastslam, losses, max_mixtures, switchable_constraints
 from sngr_utils.sampling import engines
@@ -30,12 +30,7 @@ METHODS = (
     "gnc_tls", "gnc_gm", "switchable", "max_mixture_null", "max_mixture_all", "fastslam", "em",
     "em_exclusive", "oracle",
 )  # fmt: skip
-WITHOUT_START = (
-    "dead_reckoning",
-    "isam2",
-    "sngr",
-    "fastslam",
-)  # they bring their own, or need none
+WITHOUT_START = ("dead_reckoning", "isam2", "sngr", "fastslam")  # they need none of ours
 REFERENCE_START = "grid"  # of the oracle that ratios are to
 TAU = 3.9  # of SNGR, as in the paper's comparison of trajectories
 PARTICLES = fastslam.Settings()
@@ -120,11 +115,7 @@ def _from(
 
 
 def batch(
-    log: Log,
-    conventions: Conventions,
-    method: str,
-    start: losses.Estimate,
-    clutter: bool = False,
+    log: Log, conventions: Conventions, method: str, start: losses.Estimate, clutter: bool = False
 ) -> em.SoftEstimate | chain_solver.Estimate:
     """What a method that takes all data at once makes of a log; EM may admit clutter."""
     if method in ("em", "em_exclusive"):
@@ -206,7 +197,7 @@ def compare(
         for p in p_levels
         for seed in seeds
     ]
-    rows = [row for world_rows in map_worlds(_compare_one, cases, jobs) for row in world_rows]
+    rows = map_rows(_compare_one, cases, jobs)
     columns = ["method", "start", "p", "seed", "pose_rmse", "landmark_rmse", "nees", "seconds"]
     return pd.DataFrame(rows, columns=columns)
 
@@ -252,13 +243,8 @@ def _pairs(
         for method in methods:
             if method == "oracle":
                 true = replace(the_world, label_of=the_world.source_of)
-                log = true.log(conventions.x0_sigmas)
-                yield (
-                    method,
-                    start,
-                    true,
-                    (poses, landmark_starts.start_landmarks(log, poses, start)),
-                )
+                own = landmark_starts.start_landmarks(true.log(conventions.x0_sigmas), poses, start)
+                yield method, start, true, (poses, own)
             elif method not in WITHOUT_START:
                 yield method, start, the_world, (poses, landmarks)
 

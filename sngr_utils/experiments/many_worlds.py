@@ -7,7 +7,7 @@ and a case whose result is kept already is not run again.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from itertools import islice
+from itertools import chain, islice
 
 import joblib
 from tqdm import tqdm
@@ -37,6 +37,11 @@ def map_worlds(task: Callable, cases: Iterable[tuple], jobs: int | None = None) 
             found[i] = store.put(keys[i], task, cases[i], result) if store else result
             bar.update()
     return [found[i] for i in range(len(cases))]
+
+
+def map_rows(task: Callable, cases: Iterable[tuple], jobs: int | None = None) -> list:
+    """The same where a task returns a list of rows: the rows of all cases as one list."""
+    return list(chain.from_iterable(map_worlds(task, cases, jobs)))
 
 
 def _numbered(i: int, task: Callable, case: tuple) -> tuple:

@@ -72,17 +72,11 @@ STUDIES = {
     "plaza": Study(real_data.run_plaza, real_data.plaza_cells(PLAZA), within=1e-3),
     # the same pose by pose
     "plaza_online": Study(
-        real_online.run,
-        real_online.cells(ONLINE),
-        within=1e-3,
-        times=real_online.TIMES,
+        real_online.run, real_online.cells(ONLINE), within=1e-3, times=real_online.TIMES
     ),
     # and other people's estimators on it
     "plaza_peers": Study(
-        real_peers.run,
-        real_peers.cells(ONLINE[:1]),
-        within=1e-3,
-        times=real_peers.TIMES,
+        real_peers.run, real_peers.cells(ONLINE[:1]), within=1e-3, times=real_peers.TIMES
     ),
     # GOATS, by ranges held out
     "goats": Study(real_data.run_goats, [(15,), (16,)], within=1e-3),

@@ -24,11 +24,7 @@ PRIOR_SCALE = 4.0  # of the prior about a settled window, which is divided out a
 MORE = (0, 1, 5, 10, 50)  # updates of iSAM2 after the last one
 DRAWS = 20_000
 # name -> factor on GTSAM's error(), is the prior divided out?
-READINGS = {
-    "paper": (0.5, False),
-    "untempered": (1.0, False),
-    "corrected": (1.0, True),
-}
+READINGS = {"paper": (0.5, False), "untempered": (1.0, False), "corrected": (1.0, True)}
 
 
 def spread_ratio(covariance: np.ndarray, reference: np.ndarray) -> float:
@@ -45,11 +41,7 @@ def window_factors(solution: Solution, t: int, factor: float) -> compiled.Factor
 
 
 def widths(
-    base: Baseline,
-    which: Sequence[int],
-    settings: SamplerSettings,
-    *,
-    rng: np.random.Generator,
+    base: Baseline, which: Sequence[int], settings: SamplerSettings, *, rng: np.random.Generator
 ) -> pd.DataFrame:
     """Flaws 1 and 2: how wide the sampled posterior of a window is, against what it might be.
 

@@ -5,7 +5,6 @@ import pytest
 from scipy import stats
 
 from sngr_utils import real_data
-from sngr_utils.experiments import real_stretch
 from sngr_utils.metrics.alignment import aligned_rmse
 from sngr_utils.slam.landmark_starts import start_landmarks
 from sngr_utils.world.dead_reckoning import dead_reckoning
@@ -134,12 +133,25 @@ def test_ranges_scatter_like_white_gaussian_noise(name):
 
 @pytest.mark.parametrize("name", real_data.OTHER)
 def test_eigenvalues_call_degenerate_what_is_not_ambiguous(name):
-    """A scan of one range nearly always; ten poses hardly ever, while a mirror image stands."""
+    """A scan of one range nearly always; ten poses hardly ever, while a mirror image stands.
+
+    Degenerate: of the information of so many poses' ranges on a position, one eigenvalue is more
+    than ten times the other. Source: Tuna et al., arXiv 2408.11809, 2024, on such tests.
+    """
     log, n = real_data.calibrated(name).first(300), 100
     poses = dead_reckoning(log.x0_mean, log.odometry)
     radios = start_landmarks(log, poses, "grid")
-    assert real_stretch.degenerate(log, poses, radios, 1).mean() > 0.9
-    assert real_stretch.degenerate(log.first(n), poses[:n], radios, 10).mean() < 0.1
+    towards = radios[log.label_of] - poses[log.pose_of, :2]
+    towards /= np.linalg.norm(towards, axis=1)[:, None] * log.range_sigmas[:, None]
+    seen = np.zeros((log.n_poses + 1, 2, 2))
+    np.add.at(seen, log.pose_of + 1, towards[:, :, None] * towards[:, None])
+    seen = np.cumsum(seen, axis=0)
+    degenerate = {}
+    for window in (1, 10):
+        least, largest = np.linalg.eigvalsh(seen[window:] - seen[:-window]).T
+        degenerate[window] = 10 * least < largest
+    assert degenerate[1].mean() > 0.9
+    assert degenerate[10][: n - 9].mean() < 0.1
     gaps = real_data.mirror_gaps(name).groupby("poses")["gap"].min()
     assert (gaps[gaps.index <= n] < 3).all()
     assert (gaps[gaps.index >= 130] > 10).all()
