@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from sngr_utils.detection import scores, thresholds
+from sngr_utils.detection import scores
 from sngr_utils.experiments import detector_scores
 from sngr_utils.experiments.detector_scores import Case
-from sngr_utils.metrics import cluster_bootstrap
 from sngr_utils.settings import READING
 from sngr_utils.slam.conventions import PRESETS
 from sngr_utils.sngr import failure, trigger
@@ -94,27 +93,6 @@ def along(worlds: Worlds, case: Case, seed: int) -> pd.DataFrame:
     """All windows of one world, and the wrong labels of each."""
     wrong = detector_scores.wrong_labels(case.draw(worlds.scenario, seed))
     return worlds([case], [seed]).assign(wrong=wrong[trigger.FIRST_ELIGIBLE :])
-
-
-def calibration_rows(study: Study, nominal: float, *, rng: np.random.Generator) -> pd.DataFrame:
-    """The calibrated thresholds, and two intervals for the quantile they estimate.
-
-    Returns
-    -------
-    one row per calibrated detector: threshold; low, high by order statistics, as if windows
-    were independent; worlds_low, worlds_high, with whole worlds drawn
-    """
-    clean, rows = study.calibration, []
-    for name in detector_scores.CALIBRATED:
-        low, high = thresholds.quantile_interval(clean[name], nominal)
-        drawn = cluster_bootstrap.quantile(
-            clean[name].to_numpy(), 1 - nominal, clean["seed"].to_numpy(), rng=rng
-        )
-        rows.append({
-            "detector": name, "threshold": study.thresholds[name], "low": low, "high": high,
-            "worlds_low": drawn.low, "worlds_high": drawn.high,
-        })  # fmt: skip
-    return pd.DataFrame(rows)
 
 
 def levels(study: Study, *, rng: np.random.Generator) -> pd.DataFrame:
