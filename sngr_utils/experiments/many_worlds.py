@@ -28,7 +28,8 @@ def map_worlds(task: Callable, cases: Iterable[tuple], jobs: int | None = None) 
     """
     cases, store = list(cases), row_store.active()
     keys = [row_store.key_of(task, case) for case in cases] if store else []
-    found = {i: store.get(key) for i, key in enumerate(keys) if key in store} if store else {}
+    kept = {i: store.get(key) for i, key in enumerate(keys)}
+    found = {i: row for i, row in kept.items() if row is not None}
     missing = [i for i in range(len(cases)) if i not in found]
     tasks = (joblib.delayed(_numbered)(i, task, cases[i]) for i in missing)
     # disable=None: no bar but on a terminal

@@ -180,8 +180,8 @@ def check(
 
 def _kept(study: Study, rows: Path) -> list[list[dict]]:
     with row_store.kept_in(rows) as store:
-        keys = [row_store.key_of(study.task, cell) for cell in study.cells]
-        return [store.get(key) for key in keys if key in store]
+        rows = (store.get(row_store.key_of(study.task, cell)) for cell in study.cells)
+        return [row for row in rows if row is not None]
 
 
 def _fingerprint(study: Study) -> str:
