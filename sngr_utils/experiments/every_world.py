@@ -74,7 +74,7 @@ def rows(kind: str, preset: str, p: float, seed: int) -> list[dict]:
         "oracle_rmse": least,
         "behind": found.cost - at_truth.cost,
         **_sides(at_truth.found),
-        **_landmarks(world, conventions, found, best),
+        **_landmarks(world, found, best),
         **_diagnosis(found),
     }  # fmt: skip
     return [row]
@@ -103,22 +103,14 @@ def _peers(log: Log, conventions: Conventions) -> dict[str, np.ndarray]:
     }
 
 
-def _landmarks(world: World, conventions: Conventions, found, best) -> dict:
-    """Of landmarks that are called known: share, errors against the oracle's, NEES, wrong side."""
+def _landmarks(world: World, found, best) -> dict:
+    """Of landmarks that are called known: share, errors against the oracle's, wrong side."""
     known = ~found.in_doubt
     errors = found.landmarks[known] - world.landmarks[known]
-    moved = dead_reckoning.rigid_covariances(
-        np.vstack([world.poses[:1], np.column_stack([world.landmarks, np.zeros(len(known))])]),
-        conventions.x0_sigmas,
-    )[1:][known]
-    covariances = found.landmark_covariances[known]
-    traces = np.trace(np.linalg.solve(covariances, moved), axis1=1, axis2=2)
     theirs = best.landmarks[known] - world.landmarks[known]
     return {
         "known": float(known.mean()),
         "landmark_ratio": float(np.sqrt(np.sum(errors**2) / np.sum(theirs**2)))
-        if known.any() else float("nan"),
-        "landmark_nees": rmse_and_nees.nees(errors, covariances) + float(traces.mean())
         if known.any() else float("nan"),
         "astray": int(np.sum(np.linalg.norm(errors, axis=1) > ASTRAY)),
     }  # fmt: skip
@@ -130,7 +122,7 @@ def _diagnosis(found: estimator.OnlineEstimate) -> dict:
         "doubtful": int(told.doubtful), "reasons": "; ".join(told.reasons), "p_found": found.p,
         "clutter_found": found.clutter, "unexplained": told.unexplained,
         "held_out": told.held_out_p, "worst_run": told.worst_run, "residual": told.residual,
-        "worst_step": told.worst_step, "drift": told.drift.p_value, "drift_of": told.drift.name,
+        "worst_step": told.worst_step, "drift": told.drift.p_value,
         "vague": told.vague, "rival": min(told.rival, NO_RIVAL), "slips": found.counts["slips"],
     }  # fmt: skip
 
