@@ -108,11 +108,6 @@ def _columns(rows: list[dict[str, float]]) -> dict[str, list[float]]:
     return {name: [row[name] for row in rows] for name in rows[0]}
 
 
-def run_rows(scenario: Scenario, conventions: Conventions, p: float, seed: int) -> list[dict]:
-    """The row of `Sweep.runs` of one world, as a study keeps it."""
-    return [{"p": p, "seed": seed, **_run_row(run_baseline(scenario, conventions, p, seed))}]
-
-
 def _run_row(run: Baseline) -> dict[str, float]:
     blind = dead_reckoning.dead_reckoning(run.world.x0_mean, run.world.odometry)
     return {

@@ -195,7 +195,7 @@ def _landmark(scenario: Scenario, n_live: int, seed: int, n: int) -> list[dict]:
     modes = find_modes(target, ring_starts(target))
     best = modes.places[0], modes.covariances[0]
     runs = sampler_contest.plane_runs(target, *best, n_live, rng=rng)
-    errors = sampler_contest.judge(landmark_reference(target), modes, lambda x: x)
+    errors = sampler_contest.judge(landmark_reference(target), modes)
     head = {"case": "landmark", "size": n, "seed": seed}
     return [{**head, "method": name, **errors(run)} for name, run in runs.items()]
 
@@ -203,7 +203,7 @@ def _landmark(scenario: Scenario, n_live: int, seed: int, n: int) -> list[dict]:
 def _window(kind: WindowKind, n_live: int, seed: int, n_ranges: int) -> list[dict]:
     target, rng = kind.window(seed, n_ranges), np.random.default_rng([seed, 11])
     truth = sampler_contest.window_truth(target, kind.n_particles, rng=rng)
-    errors = sampler_contest.judge(*truth, lambda x: target.positions(x)[:, -1])
+    errors = sampler_contest.judge(*truth)
     runs = sampler_contest.window_runs(target, n_live, rng=rng)
     head = {"case": "window", "size": n_ranges, "seed": seed}
     return [{**head, "method": name, **errors(run)} for name, run in runs.items()]

@@ -58,7 +58,7 @@ def run(n_live: int, seeds: Sequence[int], jobs: int) -> pd.DataFrame:
 def _one(n_live: int, seed: int) -> list[dict]:
     target = posterior()
     modes = find_modes(target, ring_starts(target))
-    errors = sampler_contest.judge(landmark_reference(target), modes, lambda x: x)
+    errors = sampler_contest.judge(landmark_reference(target), modes)
     rng, start = np.random.default_rng([seed, 9]), start_at("saddle")
     by_place = {"saddle": sampler_contest.plane_runs(target, *start, n_live, rng=rng)}
     narrow = nested_from_a_mode(n_live, seed)  # the other methods do not depend on the start

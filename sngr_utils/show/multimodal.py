@@ -63,16 +63,16 @@ def detection_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def samplers_table(runs: pd.DataFrame, case: str) -> pd.DataFrame:
-    """Methods of one case: errors of masses, divergence, evidence, and likelihood calls."""
+    """Methods of one case: errors of masses and evidence, and likelihood calls."""
     mine, rows = runs[runs["case"] == case], []
     for (size, method), part in mine.groupby(["size", "method"], sort=False):
         small = (part["mass_error"] <= MASS_TARGET).sum()
         rows.append([
             size, method, t(part["mass_error"].mean(), ".3f"), t(part["mass_error"].max()),
-            cell("{:d} of {:d}", small, len(part)), t(part["divergence"].mean()),
+            cell("{:d} of {:d}", small, len(part)),
             t(part["evidence_error"].mean()), t(part["calls"].mean() / 1000, ".0f"),
         ])  # fmt: skip
-    heads = ["size", "method", "mass error", "worst", "within the target", "KL in cells [nats]",
+    heads = ["size", "method", "mass error", "worst", "within the target",
              "evidence error [nats]", "1000 calls"]  # fmt: skip
     return pd.DataFrame(rows, columns=heads)
 
