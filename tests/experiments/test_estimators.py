@@ -222,3 +222,13 @@ def test_paired_difference_uses_common_seeds_and_known_values():
     apart = runs[(runs.method == "a") | (runs.seed < 0)]
     with pytest.raises(ValueError, match="in common"):
         estimators.paired(pd.concat([apart, apart.assign(method="c", p=0.9)]), "a", "c")
+
+
+def test_a_start_is_the_same_whatever_was_started_before():
+    """The oracle's labels were once left to the start that came after it."""
+    both, alone = (
+        estimators.compare(scenario.Scenario(), C, [0.4], [101], ["huber", "oracle"], starts)
+        for starts in (["first_poses", "grid"], ["grid"])
+    )
+    again = both[both["start"] == "grid"].reset_index(drop=True)
+    pd.testing.assert_frame_equal(again.drop(columns="seconds"), alone.drop(columns="seconds"))
