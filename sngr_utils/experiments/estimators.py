@@ -31,6 +31,7 @@ METHODS = (
     "em_exclusive", "oracle",
 )  # fmt: skip
 WITHOUT_START = ("dead_reckoning", "isam2", "sngr", "fastslam")  # they need none of ours
+BATCH = "em_exclusive"  # the same posterior over associations as ours, not online
 REFERENCE_START = "grid"  # of the oracle that ratios are to
 TAU = 3.9  # of SNGR, as in the paper's comparison of trajectories
 PARTICLES = fastslam.Settings()
@@ -296,6 +297,3 @@ def paired(runs: pd.DataFrame, a: str, b: str) -> pd.DataFrame:
     signs = zip(*(summaries.sign_test(each.to_numpy()) for _, each in by_p), strict=True)
     table = summaries.medians(apart, "difference", by=["p"])
     return table.assign(**dict(zip(("less", "more", "p_value"), signs, strict=True)))
-
-
-BATCH = "em_exclusive"  # the same posterior over associations, not online
