@@ -67,7 +67,7 @@ class Replay:
 def replay_of(path) -> Replay:
     """The run of a notebook with its own defaults; as far as it got, if a cell failed."""
     try:
-        folder = execution.run_of(path.stem, notebooks.own_parameters(path.stem))
+        folder = execution.run_of(path.stem, notebooks.parameters(path.stem))
     except notebooks.ProjectError:
         folder = paths.STAGING / path.stem
         if not (folder / path.name).exists():

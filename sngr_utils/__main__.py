@@ -67,13 +67,10 @@ def _why(args) -> int:
 
 def _bench(args) -> int:
     from sngr_utils.cost import Config
-    from sngr_utils.experiments import batch_bench
     from sngr_utils.publish import parameters
     from sngr_utils.show import cost
 
-    config = Config(**parameters.read_params("04_cost"))
-    cost.print_bench(config)
-    batch_bench.print_all(config.chosen)
+    cost.print_bench(Config(**parameters.read_params("04_cost")))
     return 0
 
 

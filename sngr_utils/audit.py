@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, model_validator
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
 
     from sngr_utils.experiments.isam2_over_worlds import Sweep
     from sngr_utils.experiments.window_studies import WindowStudies
-    from sngr_utils.sampling.weighted_samples import WeightedSamples
 
 NOOP_P = 0.3  # where the paper prints the mean log weight of its no-op sampler
 PRINTED = (0.0, 0.1, 0.2, 0.3, 0.4)  # levels of the paper's table "baseline"
@@ -137,14 +135,3 @@ def noop_readings(config: Config) -> pd.DataFrame:
     return window_studies.noop_readings(
         config.scenario, NOOP_P, seeds, config.tau_refined, config.jobs
     )
-
-
-def bimodality_readings(runs: Sequence[WeightedSamples]) -> pd.DataFrame:
-    """The bimodality coefficient of y by reading, one row per run of notebook 01's experiment."""
-    import pandas as pd
-
-    from sngr_utils.experiments import sampler_numbers
-
-    return pd.DataFrame([
-        sampler_numbers.bimodality_readings(run.samples[:, 1], run.weights) for run in runs
-    ])

@@ -11,12 +11,10 @@ from sngr_utils.world.scenario import ManyWorlds
 
 # What runs is imported where it runs: a check of all parameters needs no GTSAM and no compiler.
 if TYPE_CHECKING:
-    import numpy as np
     import pandas as pd
 
     from sngr_utils.experiments.multimodality import View, WindowKind
     from sngr_utils.sampling.targets.landmark import Landmark
-    from sngr_utils.sampling.weighted_samples import WeightedSamples
 
 Counts = Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1), Distinct]
 Poses = Annotated[list[Annotated[int, Field(ge=2)]], Field(min_length=1), Distinct]
@@ -129,17 +127,3 @@ def run_samplers(config: Config) -> pd.DataFrame:
         ),
     ]
     return pd.concat(tables, ignore_index=True)
-
-
-def anchor_runs(config: Config, seed: int) -> dict[str, WeightedSamples]:
-    """Nested sampling on the two anchors of notebook 1, from one of the two places."""
-    from sngr_utils.experiments import two_anchors
-
-    return two_anchors.nested_from_a_mode(config.n_live_landmark, seed)
-
-
-def anchor_priors(n: int, *, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """(n, 2) draws of each prior on the two anchors, [m]."""
-    from sngr_utils.experiments import two_anchors
-
-    return two_anchors.draw_priors(n, rng=rng)

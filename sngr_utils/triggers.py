@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, model_validator
 
 from sngr_utils.settings import READING, Levels, Positive, Probability, Seed
+from sngr_utils.slam.conventions import PRESETS
 from sngr_utils.world.scenario import ManyWorlds
 
 # What runs is imported where it runs: a check of all parameters needs no GTSAM and no compiler.
@@ -14,7 +16,8 @@ if TYPE_CHECKING:
     import numpy as np
     import pandas as pd
 
-    from sngr_utils.experiments.detector_study import Study, Worlds
+    from sngr_utils.experiments.detector_scores import Case
+    from sngr_utils.experiments.detector_study import Study
     from sngr_utils.world.simulation import World
 
 Share = Annotated[float, Field(gt=0, lt=1)]
@@ -57,11 +60,11 @@ class Config(ManyWorlds):
             raise ValueError(f"burst_poses is {self.burst_poses}: there are {self.n_poses} poses")
         return self
 
-    @property
-    def worlds(self) -> Worlds:
-        from sngr_utils.experiments.detector_study import Worlds
+    def worlds(self, cases: Sequence[Case], seeds: Sequence[int]) -> pd.DataFrame:
+        """All windows of these cases, see `detector_scores.window_rows`."""
+        from sngr_utils.experiments import detector_scores
 
-        return Worlds(self.scenario, self.jobs)
+        return detector_scores.run(cases, self.scenario, PRESETS[READING], seeds, self.jobs)
 
 
 def run(config: Config) -> Study:
@@ -92,17 +95,17 @@ def run_null(config: Config) -> pd.DataFrame:
 
 def run_shown(config: Config) -> pd.DataFrame:
     """All windows of one world with a burst, and the wrong labels of each."""
-    from sngr_utils.experiments import detector_study
-    from sngr_utils.experiments.detector_scores import Case
+    from sngr_utils.experiments import detector_scores
+    from sngr_utils.sngr.trigger import FIRST_ELIGIBLE
 
-    case = Case("paper", config.p_shown, config.burst_poses)
-    return detector_study.along(config.worlds, case, config.seed_shown)
+    case = detector_scores.Case("paper", config.p_shown, config.burst_poses)
+    wrong = detector_scores.wrong_labels(case.draw(config.scenario, config.seed_shown))
+    return config.worlds([case], [config.seed_shown]).assign(wrong=wrong[FIRST_ELIGIBLE:])
 
 
 def run_example(config: Config) -> tuple[World, np.ndarray, np.ndarray]:
     """A clean world, and the poses and landmarks of its robust estimate."""
     from sngr_utils.experiments import detector_scores
-    from sngr_utils.slam.conventions import PRESETS
 
     the_world = detector_scores.Case("paper", 0.0).draw(config.scenario, config.seed_shown)
     found = detector_scores.robust_estimate(the_world, PRESETS[READING])

@@ -67,8 +67,6 @@ def test_tables_and_what_is_handed_on(config, study, tmp_path):
     assert len(show.claims_table(claims, config.tau)) == 4 * 2
     assert len(show.shifted_table(*detector_study.shifted(study, rng=rng))) == scenarios - 1
     assert len(show.null_table(triggers.run_null(config))) == 2 * 2
-    rows = detector_study.calibration_rows(study, config.nominal, rng=rng)
-    assert len(show.calibration_table(rows)) == 5
     to = report.Report("06_triggers", tmp_path)
     show.record(failed, wrong, decided, clean, to)
     values = handed_on(to)

@@ -4,7 +4,6 @@ A score whose law on clean data is known needs none of this: its p-value is comp
 """
 
 import numpy as np
-from scipy import stats
 
 
 def conformal_threshold(clean: np.ndarray, alpha: float) -> float:
@@ -31,19 +30,6 @@ def surprise(scores: np.ndarray, clean: np.ndarray) -> np.ndarray:
     clean = np.sort(_checked(clean, 0.5))
     above = len(clean) - np.searchsorted(clean, scores, side="left")
     return -np.log10((1 + above) / (len(clean) + 1))
-
-
-def quantile_interval(clean: np.ndarray, alpha: float) -> tuple[float, float]:
-    """95 % interval for the (1 - alpha) quantile from the order statistics of n independent scores.
-
-    Covers with at least 95 %, whatever the law; an end is infinite where n scores cannot say.
-    Scores of overlapping windows of one world are not independent, and it is then too narrow.
-
-    Source: David & Nagaraja, Order Statistics, 2003, section 7.1.
-    """
-    found = stats.quantile_test(_checked(clean, alpha), p=1 - alpha).confidence_interval(0.95)
-    low = -np.inf if np.isnan(found.low) else float(found.low)
-    return low, np.inf if np.isnan(found.high) else float(found.high)
 
 
 def _checked(clean: np.ndarray, alpha: float) -> np.ndarray:

@@ -10,6 +10,7 @@ from sngr_utils.experiments import authors_conventions as authors
 from sngr_utils.experiments.authors_conventions import WIDTH
 from sngr_utils.experiments.authors_digits import JITTER
 from sngr_utils.metrics.precision_recall import detection
+from sngr_utils.slam.levenberg_marquardt import optimise
 
 TAU_CLEAN, TAU_SNGR = 3.92, 3.9  # the least that is printed as silent; that of the table "sngr"
 FIRST = WIDTH - 1  # window that may fire, as the paper has it
@@ -116,9 +117,4 @@ def _moved(values: gtsam.Values, keys: list[int], step: np.ndarray) -> gtsam.Val
 
 def left(graph: gtsam.NonlinearFactorGraph, found: gtsam.Values) -> float:
     """What Levenberg and Marquardt still gain from an estimate, in nats of its log-likelihood."""
-    params = gtsam.LevenbergMarquardtParams.CeresDefaults()
-    params.setMaxIterations(1000)
-    params.setRelativeErrorTol(1e-12)
-    params.setAbsoluteErrorTol(1e-9)
-    best = gtsam.LevenbergMarquardtOptimizer(graph, found, params).optimize()
-    return 0.5 * (graph.error(found) - graph.error(best))
+    return 0.5 * (graph.error(found) - graph.error(optimise(graph, found)))

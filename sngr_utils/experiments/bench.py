@@ -15,9 +15,8 @@ class BenchSettings(Checked):
 
     bench_p : wrong-association probability of the world
     bench_windows : windows of it, spread evenly
-    bench_runs : runs of dynesty with a compiled walk, over all windows; the compiled samplers run
-        ten times as many, dynesty with GTSAM's factors or short walks a third, the loop over the
-        closure a ninth
+    bench_runs : turns over the windows; the compiled samplers run ten times in each, dynesty in
+        every third, with the loop over the closure in every ninth
     reference_draws : importance samples behind each window's reference evidence and mean
     lengths : numbers of poses at which the growth is measured
     """

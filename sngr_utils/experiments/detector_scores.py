@@ -21,7 +21,7 @@ from sngr_utils.detection.scores import (
     mirror_weight,
 )
 from sngr_utils.detection.thresholds import conformal_threshold, surprise
-from sngr_utils.experiments.many_worlds import map_worlds
+from sngr_utils.experiments.many_worlds import map_rows, map_worlds
 from sngr_utils.metrics import cluster_bootstrap
 from sngr_utils.robust import em, losses
 from sngr_utils.slam import isam2, levenberg_marquardt, selected_inverse
@@ -193,7 +193,7 @@ def null_rates(
         for preset in NULL_PRESETS
         for seed in seeds
     ]
-    rows = [row for found in map_worlds(_null_rates, worlds, jobs) for row in found]
+    rows = map_rows(_null_rates, worlds, jobs)
     return pd.DataFrame(rows, columns=["scenario", "preset", "seed", "estimate", "fired"])
 
 

@@ -3,20 +3,16 @@
 The thresholds come from clean worlds of their own. Intervals draw whole worlds.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
-from sngr_utils.detection import scores, thresholds
+from sngr_utils.detection import scores
 from sngr_utils.experiments import detector_scores
 from sngr_utils.experiments.detector_scores import Case
-from sngr_utils.metrics import cluster_bootstrap
-from sngr_utils.settings import READING
-from sngr_utils.slam.conventions import PRESETS
-from sngr_utils.sngr import failure, trigger
-from sngr_utils.world.scenario import Scenario
+from sngr_utils.sngr import failure
 
 NULL_SCENARIOS = ("radius 3 m", "100 poses")  # where the estimate that is tested matters
 EVERY_P = "all p"
@@ -53,20 +49,8 @@ class Study:
         return pd.concat([noisy, everywhere.assign(case=EVERY_P)])
 
 
-@dataclass(frozen=True)
-class Worlds:
-    """Windows of many worlds, under the preset that is our reading of the paper."""
-
-    scenario: Scenario
-    jobs: int
-
-    def __call__(self, cases: Sequence[Case], seeds: Sequence[int]) -> pd.DataFrame:
-        """All windows of these cases, see `detector_scores.window_rows`."""
-        return detector_scores.run(cases, self.scenario, PRESETS[READING], seeds, self.jobs)
-
-
 def run(
-    worlds: Worlds,
+    worlds: Callable[[Sequence[Case], Sequence[int]], pd.DataFrame],
     cases: Sequence[Case],
     seeds: Sequence[int],
     calibration: Sequence[int],
@@ -77,6 +61,7 @@ def run(
 
     Parameters
     ----------
+    worlds : all windows of cases and seeds, see `detector_scores.window_rows`
     cases, seeds : kinds of worlds of the paper's scenario, and their seeds
     calibration : seeds of the clean worlds that the thresholds come from
     shifted : p and seeds of the worlds of all other scenarios
@@ -88,33 +73,6 @@ def run(
     tables = [clean, worlds(cases, seeds), pd.concat(elsewhere, ignore_index=True)]
     tables = [detector_scores.with_either(table, clean) for table in tables]
     return Study(*tables, detector_scores.thresholds(tables[0], nominal))
-
-
-def along(worlds: Worlds, case: Case, seed: int) -> pd.DataFrame:
-    """All windows of one world, and the wrong labels of each."""
-    wrong = detector_scores.wrong_labels(case.draw(worlds.scenario, seed))
-    return worlds([case], [seed]).assign(wrong=wrong[trigger.FIRST_ELIGIBLE :])
-
-
-def calibration_rows(study: Study, nominal: float, *, rng: np.random.Generator) -> pd.DataFrame:
-    """The calibrated thresholds, and two intervals for the quantile they estimate.
-
-    Returns
-    -------
-    one row per calibrated detector: threshold; low, high by order statistics, as if windows
-    were independent; worlds_low, worlds_high, with whole worlds drawn
-    """
-    clean, rows = study.calibration, []
-    for name in detector_scores.CALIBRATED:
-        low, high = thresholds.quantile_interval(clean[name], nominal)
-        drawn = cluster_bootstrap.quantile(
-            clean[name].to_numpy(), 1 - nominal, clean["seed"].to_numpy(), rng=rng
-        )
-        rows.append({
-            "detector": name, "threshold": study.thresholds[name], "low": low, "high": high,
-            "worlds_low": drawn.low, "worlds_high": drawn.high,
-        })  # fmt: skip
-    return pd.DataFrame(rows)
 
 
 def levels(study: Study, *, rng: np.random.Generator) -> pd.DataFrame:

@@ -56,7 +56,7 @@ class Contender:
     name : as the table shows it
     settings : of its sampler
     sample : (likelihood, covariance, settings, rng) -> WeightedSamples
-    repeats : runs for each run of dynesty
+    repeats : runs in each turn that it takes part in
     every : takes part in every so many turns
     """
 
@@ -95,10 +95,6 @@ def contenders(base: Baseline, settings: SamplerSettings) -> list[Contender]:
         Contender(CLOSURE_LOOP, settings, whole_closure, every=9),
         Contender(WINDOW_LOOP, settings, looped, every=3),
         Contender(f"dynesty {n}/{few}, one call to GTSAM", settings, through("dynesty"), every=3),
-        Contender(
-            f"dynesty {n}/{few}, compiled walk", settings, through("dynesty-compiled"), every=3
-        ),
-        Contender(f"dynesty {n}/{many}, compiled walk", long, through("dynesty-compiled")),
         Contender(f"compiled nested {n}/{few}", settings, through("nested"), 10),
         Contender(f"compiled nested {n}/{many}", long, through("nested"), 10),
         Contender("fast path", settings, through("fast"), 10),
@@ -166,7 +162,10 @@ def compare(
     *,
     rng: np.random.Generator,
 ) -> dict[str, Performance]:
-    """Run all contenders, and `others`, on the same windows in turn, and measure each run."""
+    """Run all contenders, and `others`, on the same windows in turn, and measure each run.
+
+    Each has a random stream of its own, so its rows are the same whoever else takes part.
+    """
     chosen = spread_evenly(bench.bench_windows, len(base.covariances))
     likelihoods = [
         refine.window_likelihood(base.solution, t, settings.likelihood_factor) for t in chosen
@@ -176,16 +175,17 @@ def compare(
         for t, likelihood in zip(chosen, likelihoods, strict=True)
     ]
     field = [*contenders(base, settings), *others]
+    streams = rng.spawn(len(field))
     for contender in field[3:]:  # compile, or load what was compiled
         contender.sample(likelihoods[0], base.covariances[chosen[0]], contender.settings, rng)
     rows: dict[str, list] = {contender.name: [] for contender in field}
     for run in range(bench.bench_runs):
         w = run % len(chosen)
-        for contender in field:
+        for contender, stream in zip(field, streams, strict=True):
             for _ in range(contender.repeats if run % contender.every == 0 else 0):
                 rows[contender.name].append(
                     _one_run(contender, likelihoods[w], base.covariances[chosen[w]],
-                             references[w], rng)
+                             references[w], stream)
                 )  # fmt: skip
     return {name: Performance(*np.array(runs).T) for name, runs in rows.items()}
 

@@ -28,8 +28,6 @@ from sngr_utils.world import dead_reckoning
 from sngr_utils.world.log import Log
 from sngr_utils.world.simulation import World
 
-ASTRAY = 1.0  # m, from its place: a landmark on the wrong side
-NO_RIVAL = 1e6  # nats
 KNOWN_SLIP = 100.0  # m and rad, sigma that the oracle gives to a step that slipped
 LOST = 1.35  # times the oracle's error, above which a final estimate counts as lost
 PEERS = ("cauchy", "gnc_tls", "em_exclusive")
@@ -71,11 +69,11 @@ def rows(kind: str, preset: str, p: float, seed: int) -> list[dict]:
         **{name: rmse_and_nees.rmse(of, truth) / newest for name, of in driven.items()},
         "nees": consistency(found.poses, found.position_covariances),
         "oracle_nees": consistency(best.poses, best.position_covariances),
-        "oracle_rmse": least,
         "behind": found.cost - at_truth.cost,
         **_sides(at_truth.found),
-        **_landmarks(world, conventions, found, best),
-        **_diagnosis(found),
+        **_landmarks(world, found, best),
+        "doubtful": int(found.diagnosis.doubtful),
+        "reasons": "; ".join(found.diagnosis.reasons),
     }  # fmt: skip
     return [row]
 
@@ -103,36 +101,12 @@ def _peers(log: Log, conventions: Conventions) -> dict[str, np.ndarray]:
     }
 
 
-def _landmarks(world: World, conventions: Conventions, found, best) -> dict:
-    """Of landmarks that are called known: share, errors against the oracle's, NEES, wrong side."""
+def _landmarks(world: World, found, best) -> dict:
+    """Of landmarks that are called known: their share, and their errors over the oracle's."""
     known = ~found.in_doubt
-    errors = found.landmarks[known] - world.landmarks[known]
-    moved = dead_reckoning.rigid_covariances(
-        np.vstack([world.poses[:1], np.column_stack([world.landmarks, np.zeros(len(known))])]),
-        conventions.x0_sigmas,
-    )[1:][known]
-    covariances = found.landmark_covariances[known]
-    traces = np.trace(np.linalg.solve(covariances, moved), axis1=1, axis2=2)
-    theirs = best.landmarks[known] - world.landmarks[known]
-    return {
-        "known": float(known.mean()),
-        "landmark_ratio": float(np.sqrt(np.sum(errors**2) / np.sum(theirs**2)))
-        if known.any() else float("nan"),
-        "landmark_nees": rmse_and_nees.nees(errors, covariances) + float(traces.mean())
-        if known.any() else float("nan"),
-        "astray": int(np.sum(np.linalg.norm(errors, axis=1) > ASTRAY)),
-    }  # fmt: skip
-
-
-def _diagnosis(found: estimator.OnlineEstimate) -> dict:
-    told = found.diagnosis
-    return {
-        "doubtful": int(told.doubtful), "reasons": "; ".join(told.reasons), "p_found": found.p,
-        "clutter_found": found.clutter, "unexplained": told.unexplained,
-        "held_out": told.held_out_p, "worst_run": told.worst_run, "residual": told.residual,
-        "worst_step": told.worst_step, "drift": told.drift.p_value, "drift_of": told.drift.name,
-        "vague": told.vague, "rival": min(told.rival, NO_RIVAL), "slips": found.counts["slips"],
-    }  # fmt: skip
+    errors, theirs = (one.landmarks[known] - world.landmarks[known] for one in (found, best))
+    ratio = np.sqrt(np.sum(errors**2) / np.sum(theirs**2)) if known.any() else float("nan")
+    return {"known": float(known.mean()), "landmark_ratio": float(ratio)}
 
 
 def slipped(world: World, sound: World) -> np.ndarray:

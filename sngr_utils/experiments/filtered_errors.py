@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from sngr_utils.experiments import estimators
-from sngr_utils.experiments.many_worlds import map_worlds
+from sngr_utils.experiments.many_worlds import map_rows
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.slam.conventions import Conventions
 from sngr_utils.slam.landmark_starts import start_landmarks
@@ -29,7 +29,7 @@ def run(
     one row per method, p and seed: filtered_rmse, [m]. That of the oracle is the same at every p
     """
     cases = [(scenario, conventions, p, seed) for seed in seeds]
-    return pd.DataFrame([row for rows in map_worlds(_of_one, cases, jobs) for row in rows])
+    return pd.DataFrame(map_rows(_of_one, cases, jobs))
 
 
 def _of_one(scenario, conventions, p, seed) -> list[dict]:

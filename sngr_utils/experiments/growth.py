@@ -36,14 +36,10 @@ class Growth:
     ----------
     lengths : (n,) numbers of poses
     seconds : name -> (n,) CPU time, NaN where it was not measured, [s]
-    largest_error : between the window marginals of GTSAM and of the selected inverse, relative
-        to the largest entry of each, in units of what rounding allows: the machine's epsilon
-        times the number of unknowns times the condition number of the information matrix
     """
 
     lengths: np.ndarray
     seconds: dict[str, np.ndarray]
-    largest_error: float
 
     def slope(self, name: str) -> float:
         """Fitted slope of log time against log length."""
@@ -66,16 +62,13 @@ def growth(lengths: list[int], scenario: Scenario, conventions: Conventions, see
     Linearised at the truth, which is as good as any point for a time.
     """
     seconds = {name: np.full(len(lengths), np.nan) for name in GROWTH}
-    errors = []
     for i, n_poses in enumerate(lengths):
         the_world = long_world(n_poses, scenario, rng=np.random.default_rng(seed))
         works = _works(the_world, conventions)
         for name, limit in GROWTH.items():
             if n_poses <= limit:
                 seconds[name][i] = works[name]()
-        if n_poses <= GROWTH["marginals, GTSAM"]:
-            errors.append(_marginal_error(the_world, conventions))
-    return Growth(np.array(lengths), seconds, max(errors))
+    return Growth(np.array(lengths), seconds)
 
 
 def _works(the_world: World, conventions: Conventions) -> dict[str, Callable[[], float]]:
@@ -130,26 +123,3 @@ def _solution_at_truth(the_world: World, conventions: Conventions) -> Solution:
     return Solution(
         gtsam.ISAM2(), factors, values, the_world.n_poses, the_world.n_landmarks
     )  # fmt: skip
-
-
-def _marginal_error(the_world: World, conventions: Conventions) -> float:
-    """Largest deviation of a sample of window marginals, as `Growth` has it.
-
-    The condition number is bounded from below: an entry on the diagonal of a symmetric matrix is
-    at most its largest eigenvalue, so the largest of the information matrix times the largest of
-    its inverse is at most the condition number. Weak priors and long trajectories raise it.
-    """
-    solution, ours = (f(the_world, conventions) for f in
-                      (_solution_at_truth, selected_inverse_at_truth))  # fmt: skip
-    _, columns, entries = solution.graph.linearize(solution.estimate).sparseJacobian_()
-    unknowns = solution.estimate.dim()  # columns count from one; the last is the right-hand side
-    information = np.bincount(columns.astype(int), entries**2)[1 : 1 + unknowns]
-    all_marginals = gtsam_marginals(solution)
-    some = spread_evenly(min(10, len(ours)), len(ours))
-    theirs = [joint_covariance(all_marginals, windows.window_keys(t)) for t in some]
-    largest = max(
-        float(np.abs(ours[t] - cov).max() / np.abs(cov).max())
-        for t, cov in zip(some, theirs, strict=True)
-    )
-    condition = information.max() * max(np.diag(cov).max() for cov in theirs)
-    return largest / float(np.finfo(float).eps * unknowns * condition)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from sngr_utils.experiments.many_worlds import map_worlds
+from sngr_utils.experiments.many_worlds import map_rows, map_worlds
 from sngr_utils.metrics import cluster_bootstrap, precision_recall, rmse_and_nees
 from sngr_utils.slam import isam2, marginals
 from sngr_utils.slam.conventions import Conventions
@@ -108,11 +108,6 @@ def _columns(rows: list[dict[str, float]]) -> dict[str, list[float]]:
     return {name: [row[name] for row in rows] for name in rows[0]}
 
 
-def run_rows(scenario: Scenario, conventions: Conventions, p: float, seed: int) -> list[dict]:
-    """The row of `Sweep.runs` of one world, as a study keeps it."""
-    return [{"p": p, "seed": seed, **_run_row(run_baseline(scenario, conventions, p, seed))}]
-
-
 def _run_row(run: Baseline) -> dict[str, float]:
     blind = dead_reckoning.dead_reckoning(run.world.x0_mean, run.world.odometry)
     return {
@@ -170,7 +165,7 @@ def nees_variants(
     """
     _require_distinct("seeds", seeds)
     cases = [(scenario, name, presets[name], seed) for name in presets for seed in seeds]
-    rows = [row for world_rows in map_worlds(_nees_rows, cases, jobs) for row in world_rows]
+    rows = map_rows(_nees_rows, cases, jobs)
     return pd.DataFrame(rows, columns=["x0_mean", "frame", "seed", "nees", "preset"])
 
 

@@ -7,7 +7,7 @@ and a case whose result is kept already is not run again.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from itertools import islice
+from itertools import chain, islice
 
 import joblib
 from tqdm import tqdm
@@ -28,7 +28,8 @@ def map_worlds(task: Callable, cases: Iterable[tuple], jobs: int | None = None) 
     """
     cases, store = list(cases), row_store.active()
     keys = [row_store.key_of(task, case) for case in cases] if store else []
-    found = {i: store.get(key) for i, key in enumerate(keys) if key in store} if store else {}
+    kept = {i: store.get(key) for i, key in enumerate(keys)}
+    found = {i: row for i, row in kept.items() if row is not None}
     missing = [i for i in range(len(cases)) if i not in found]
     tasks = (joblib.delayed(_numbered)(i, task, cases[i]) for i in missing)
     # disable=None: no bar but on a terminal
@@ -37,6 +38,11 @@ def map_worlds(task: Callable, cases: Iterable[tuple], jobs: int | None = None) 
             found[i] = store.put(keys[i], task, cases[i], result) if store else result
             bar.update()
     return [found[i] for i in range(len(cases))]
+
+
+def map_rows(task: Callable, cases: Iterable[tuple], jobs: int | None = None) -> list:
+    """The same where a task returns a list of rows: the rows of all cases as one list."""
+    return list(chain.from_iterable(map_worlds(task, cases, jobs)))
 
 
 def _numbered(i: int, task: Callable, case: tuple) -> tuple:

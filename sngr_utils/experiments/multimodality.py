@@ -11,7 +11,7 @@ import pandas as pd
 
 from sngr_utils.detection.mirror_image import mirror_test
 from sngr_utils.experiments import sampler_contest
-from sngr_utils.experiments.many_worlds import map_worlds
+from sngr_utils.experiments.many_worlds import map_rows, map_worlds
 from sngr_utils.sampling import ancestral_priors
 from sngr_utils.sampling.modes import find_modes, ring_starts
 from sngr_utils.sampling.reference import N_ANGLES, N_RADII, landmark_reference, polar_grid
@@ -116,11 +116,7 @@ def run_landmarks(
     covariance), window_score (the paper's, of the last three poses; NaN before there are three)
     """
     cases = [(scenario, seed, n) for seed in seeds for n in poses]
-    return _table(map_worlds(_landmark_rows, cases, jobs))
-
-
-def _table(done: list[list[dict]]) -> pd.DataFrame:
-    return pd.DataFrame([row for rows in done for row in rows])
+    return pd.DataFrame(map_rows(_landmark_rows, cases, jobs))
 
 
 def _landmark_rows(scenario: Scenario, seed: int, n: int) -> list[dict]:
@@ -182,7 +178,7 @@ def run_landmark_samplers(
 ) -> pd.DataFrame:
     """All methods on the first landmark of worlds after few poses; see `two_anchors.run`."""
     cases = [(scenario, n_live, seed, n) for n in poses for seed in seeds]
-    return _table(map_worlds(_landmark, cases, jobs))
+    return pd.DataFrame(map_rows(_landmark, cases, jobs))
 
 
 def run_window_samplers(
@@ -190,7 +186,7 @@ def run_window_samplers(
 ) -> pd.DataFrame:
     """All methods on every window; see `two_anchors.run`."""
     cases = [(kind, n_live, seed, m) for m in n_ranges for seed in seeds]
-    return _table(map_worlds(_window, cases, jobs))
+    return pd.DataFrame(map_rows(_window, cases, jobs))
 
 
 def _landmark(scenario: Scenario, n_live: int, seed: int, n: int) -> list[dict]:
@@ -199,7 +195,7 @@ def _landmark(scenario: Scenario, n_live: int, seed: int, n: int) -> list[dict]:
     modes = find_modes(target, ring_starts(target))
     best = modes.places[0], modes.covariances[0]
     runs = sampler_contest.plane_runs(target, *best, n_live, rng=rng)
-    errors = sampler_contest.judge(landmark_reference(target), modes, lambda x: x)
+    errors = sampler_contest.judge(landmark_reference(target), modes)
     head = {"case": "landmark", "size": n, "seed": seed}
     return [{**head, "method": name, **errors(run)} for name, run in runs.items()]
 
@@ -207,7 +203,7 @@ def _landmark(scenario: Scenario, n_live: int, seed: int, n: int) -> list[dict]:
 def _window(kind: WindowKind, n_live: int, seed: int, n_ranges: int) -> list[dict]:
     target, rng = kind.window(seed, n_ranges), np.random.default_rng([seed, 11])
     truth = sampler_contest.window_truth(target, kind.n_particles, rng=rng)
-    errors = sampler_contest.judge(*truth, lambda x: target.positions(x)[:, -1])
+    errors = sampler_contest.judge(*truth)
     runs = sampler_contest.window_runs(target, n_live, rng=rng)
     head = {"case": "window", "size": n_ranges, "seed": seed}
     return [{**head, "method": name, **errors(run)} for name, run in runs.items()]

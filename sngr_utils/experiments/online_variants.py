@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from sngr_utils.experiments import estimators
-from sngr_utils.experiments.many_worlds import map_worlds
+from sngr_utils.experiments.many_worlds import map_rows
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.online import estimator, landmarks, localisation
 from sngr_utils.online.belief import Belief
@@ -72,8 +72,7 @@ def run_variants(
     `estimator.OnlineEstimate`
     """
     cases = [(scenario, conventions, settings, p, seed) for p in p_levels for seed in seeds]
-    done = map_worlds(_variants_of_one, cases, jobs)
-    return pd.DataFrame([row for rows in done for row in rows])
+    return pd.DataFrame(map_rows(_variants_of_one, cases, jobs))
 
 
 def _variants_of_one(scenario, conventions, settings, p, seed) -> list[dict]:
@@ -133,7 +132,7 @@ def run_slips(
     do so too
     """
     cases = [(scenario, conventions, p, steps, sigma, seed) for seed in seeds]
-    return pd.DataFrame([row for rows in map_worlds(_slipped, cases, jobs) for row in rows])
+    return pd.DataFrame(map_rows(_slipped, cases, jobs))
 
 
 def _slipped(scenario, conventions, p, steps, sigma, seed) -> list[dict]:
@@ -165,8 +164,8 @@ class Frame:
     truth, poses, plain : (T, 2) true positions, ours, and plain iSAM2's, so far, [m]
     landmarks : (K, 2) ours, [m]; NaN for one not yet initialised
     clouds : landmark not yet initialised -> (P, 2) places from its posterior, [m]
-    label_of, used, source_of : of the ranges of the newest pose: the landmark it is labelled
-        with, the one it is assigned to (-1 for none), and the one it came from
+    label_of, used : of the ranges of the newest pose: the landmark it is labelled with, and the
+        one it is assigned to (-1 for none)
     true_landmarks : (K, 2), [m]
     """
 
@@ -177,7 +176,6 @@ class Frame:
     clouds: dict[int, np.ndarray]
     label_of: np.ndarray
     used: np.ndarray
-    source_of: np.ndarray
     true_landmarks: np.ndarray
 
 
@@ -220,7 +218,7 @@ def _frame(
     return Frame(
         data.poses[:, :2], belief.poses[:, :2], isam2.run_isam2(data, conventions).poses[:, :2],
         belief.landmarks, clouds, data.label_of[newest], belief.assignment.used[belief.newest],
-        data.source_of[newest], data.landmarks,
+        data.landmarks,
     )  # fmt: skip
 
 

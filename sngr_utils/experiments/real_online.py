@@ -169,7 +169,6 @@ def judged(found: estimator.OnlineEstimate, log: Log, truth: Truth) -> dict:
     oracle = real_data.least_squares(real_data.told_truly(log, truth), found.poses, found.landmarks)
     return {
         "final": final["rmse"],
-        "everywhere": final["rmse_everywhere"],
         "incremental": final["incremental"],
         "graph": real_data.heard_rmse(log, truth, found.graph_poses),
         "filtered": real_data.heard_rmse(log, truth, found.filtered),

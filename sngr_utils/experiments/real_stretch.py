@@ -22,7 +22,6 @@ from sngr_utils.world.log import Log
 
 FREE = Conventions(landmark_prior_sigma=1e3)  # m: nothing is known of a landmark
 USUAL = estimator.Settings()
-LOPSIDED = 10.0  # times the information in one direction that there is in the other
 ELSEWHERE = 2.0  # m from its place in another map: a landmark that makes it another map
 
 Finder = Callable[..., tuple[np.ndarray, np.ndarray, float]]  # radios, credits, log likelihood
@@ -109,23 +108,6 @@ def mirror_gaps(log: Log, poses: Sequence[int]) -> pd.DataFrame:
         )  # fmt: skip
         rows += [(k, n, gap) for n, gap in zip(np.array(poses)[heard], found, strict=True)]
     return pd.DataFrame(rows, columns=["radio", "poses", "gap"])
-
-
-def degenerate(log: Log, poses: np.ndarray, landmarks: np.ndarray, window: int) -> np.ndarray:
-    """(T-window+1,) bool, whether the ranges of so many poses see a position from one side only.
-
-    That is, by labels and at an estimate, one eigenvalue of their information on it is more than
-    `LOPSIDED` times the other.
-
-    Source: Tuna et al., arXiv 2408.11809, 2024, on such tests.
-    """
-    towards = landmarks[log.label_of] - poses[log.pose_of, :2]
-    towards /= np.linalg.norm(towards, axis=1)[:, None] * log.range_sigmas[:, None]
-    seen = np.zeros((log.n_poses + 1, 2, 2))
-    np.add.at(seen, log.pose_of + 1, towards[:, :, None] * towards[:, None])
-    seen = np.cumsum(seen, axis=0)
-    least, largest = np.linalg.eigvalsh(seen[window:] - seen[:-window]).T
-    return LOPSIDED * least < largest
 
 
 def maps_without_labels(

@@ -34,20 +34,11 @@ class RowStore:
     def __init__(self, connection: sqlite3.Connection):
         self.connection = connection
 
-    def __contains__(self, key: str) -> bool:
-        return self._select(key) is not None
-
     def get(self, key: str):
-        """The row of a key.
-
-        Raises
-        ------
-        KeyError : there is none
-        """
-        found = self._select(key)
-        if found is None:
-            raise KeyError(key)
-        return json.loads(found[0])
+        """The row of a key; None if there is none."""
+        query = "SELECT row FROM rows WHERE key = ?"
+        found = self.connection.execute(query, (key,)).fetchone()
+        return found and json.loads(found[0])
 
     def put(self, key: str, task: Callable, case: tuple, row):
         """Keep a row, and return it as a later run will find it.
@@ -61,10 +52,6 @@ class RowStore:
         with self.connection:
             self.connection.execute("INSERT OR REPLACE INTO rows VALUES (?, ?, ?, ?)", values)
         return json.loads(text)
-
-    def _select(self, key: str) -> tuple | None:
-        query = "SELECT row FROM rows WHERE key = ?"
-        return self.connection.execute(query, (key,)).fetchone()
 
 
 @contextmanager

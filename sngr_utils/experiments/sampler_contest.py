@@ -13,7 +13,7 @@ import numpy as np
 
 from sngr_utils.sampling import adaptive_importance, ancestral_priors
 from sngr_utils.sampling.modes import Modes, find_modes, laplace_draws, ring_starts
-from sngr_utils.sampling.reference import Reference, cells, landmark_reference, window_reference
+from sngr_utils.sampling.reference import Reference, landmark_reference, window_reference
 from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sampling.targets.ambiguous_window import Window
 from sngr_utils.sampling.targets.landmark import Landmark
@@ -119,23 +119,14 @@ def window_truth(
     return reference, modes
 
 
-def judge(
-    reference: Reference, modes: Modes, plane: Callable[[np.ndarray], np.ndarray]
-) -> Callable[[WeightedSamples], dict[str, float]]:
-    """run -> its mass_error (largest over the modes), divergence, evidence_error [nats], calls.
-
-    Parameters
-    ----------
-    plane : (N, d) points to the (N, 2) places over whose cells the divergence is taken, [m]
-    """
+def judge(reference: Reference, modes: Modes) -> Callable[[WeightedSamples], dict[str, float]]:
+    """run -> its mass_error (largest over the modes), evidence_error [nats], calls."""
     exact = reference.masses(modes.label(reference.samples), len(modes.places))
-    parts = cells(plane(reference.samples), reference.weights)
 
     def errors(run: WeightedSamples) -> dict[str, float]:
         masses = np.bincount(modes.label(run.samples), run.weights, minlength=len(exact))
         return {
             "mass_error": float(abs(masses - exact).max()),
-            "divergence": parts.divergence(plane(run.samples), run.weights),
             "evidence_error": run.log_evidence - reference.log_evidence,
             "calls": run.calls,
         }

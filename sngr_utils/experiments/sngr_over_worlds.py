@@ -54,7 +54,7 @@ class Refinement:
         variant, triggered, accepted; gain_min, gain_median, gain_max [nats] and gain_peak_window
         (the first pose of the window that gains most); ess_share (median); isam2_pose_rmse,
         base_pose_rmse (before refinement: the same, or the batch estimate's), sngr_pose_rmse,
-        sngr_landmark_rmse [m] (refinement moves poses only); isam2_nees, base_nees, sngr_nees;
+        sngr_landmark_rmse [m] (refinement moves poses only); sngr_nees;
         saving (all windows over the refined ones: what is saved if each costs the same); noop
         (mean log weight of the trigger-only baseline, in expectation, [nats]). NaN where nothing
         fires
@@ -88,8 +88,6 @@ def _variant_row(
         "base_pose_rmse": refined.solution_rmse,
         "sngr_pose_rmse": refined.pose_rmse,
         "sngr_landmark_rmse": rmse_and_nees.rmse(landmarks, base.world.landmarks),
-        "isam2_nees": base.nees,
-        "base_nees": refined.solution_nees,
         "sngr_nees": refined.nees,
         "noop": float(np.mean(noop)) if noop else np.nan,
     }

@@ -20,7 +20,6 @@ from sngr_utils import paths
 from sngr_utils.experiments import (
     authors_over_worlds,
     every_world,
-    isam2_over_worlds,
     kinds_of_worlds,
     long_stream,
     peers_again,
@@ -31,9 +30,6 @@ from sngr_utils.experiments import (
     sensitivity,
 )
 from sngr_utils.experiments.many_worlds import map_worlds
-from sngr_utils.settings import READING
-from sngr_utils.slam.conventions import PRESETS
-from sngr_utils.world.scenario import Scenario
 
 FOLDER = paths.PAPER / "studies"
 PLAZA, ONLINE = range(7200, 7205), range(7420, 7422)  # seeds of wrong labels
@@ -59,11 +55,6 @@ class Study:
 
 
 STUDIES = {
-    # a thousand worlds of notebook 02's sweep
-    "isam2": Study(
-        isam2_over_worlds.run_rows,
-        [(Scenario(), PRESETS[READING], 0.2, seed) for seed in range(7000, 8000)],
-    ),
     # the trigger and its refinement as the original's authors run them
     "authors_conventions": Study(
         authors_over_worlds.rows, [(seed,) for seed in range(7300, 7400)], within=1e-3
@@ -72,17 +63,11 @@ STUDIES = {
     "plaza": Study(real_data.run_plaza, real_data.plaza_cells(PLAZA), within=1e-3),
     # the same pose by pose
     "plaza_online": Study(
-        real_online.run,
-        real_online.cells(ONLINE),
-        within=1e-3,
-        times=real_online.TIMES,
+        real_online.run, real_online.cells(ONLINE), within=1e-3, times=real_online.TIMES
     ),
     # and other people's estimators on it
     "plaza_peers": Study(
-        real_peers.run,
-        real_peers.cells(ONLINE[:1]),
-        within=1e-3,
-        times=real_peers.TIMES,
+        real_peers.run, real_peers.cells(ONLINE[:1]), within=1e-3, times=real_peers.TIMES
     ),
     # GOATS, by ranges held out
     "goats": Study(real_data.run_goats, [(15,), (16,)], within=1e-3),
@@ -186,8 +171,8 @@ def check(
 
 def _kept(study: Study, rows: Path) -> list[list[dict]]:
     with row_store.kept_in(rows) as store:
-        keys = [row_store.key_of(study.task, cell) for cell in study.cells]
-        return [store.get(key) for key in keys if key in store]
+        rows = (store.get(row_store.key_of(study.task, cell)) for cell in study.cells)
+        return [row for row in rows if row is not None]
 
 
 def _fingerprint(study: Study) -> str:

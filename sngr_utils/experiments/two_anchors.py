@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from sngr_utils.experiments import sampler_contest
-from sngr_utils.experiments.many_worlds import map_worlds
+from sngr_utils.experiments.many_worlds import map_rows
 from sngr_utils.sampling import weighted_samples
 from sngr_utils.sampling.modes import find_modes, ring_starts
 from sngr_utils.sampling.reference import landmark_reference
@@ -52,14 +52,13 @@ def run(n_live: int, seeds: Sequence[int], jobs: int) -> pd.DataFrame:
     one row per case, size (poses, or ranges per pose), seed and method: the errors of
     `sampler_contest.judge`
     """
-    done = map_worlds(_one, [(n_live, seed) for seed in seeds], jobs)
-    return pd.DataFrame([row for rows in done for row in rows])
+    return pd.DataFrame(map_rows(_one, [(n_live, seed) for seed in seeds], jobs))
 
 
 def _one(n_live: int, seed: int) -> list[dict]:
     target = posterior()
     modes = find_modes(target, ring_starts(target))
-    errors = sampler_contest.judge(landmark_reference(target), modes, lambda x: x)
+    errors = sampler_contest.judge(landmark_reference(target), modes)
     rng, start = np.random.default_rng([seed, 9]), start_at("saddle")
     by_place = {"saddle": sampler_contest.plane_runs(target, *start, n_live, rng=rng)}
     narrow = nested_from_a_mode(n_live, seed)  # the other methods do not depend on the start

@@ -30,7 +30,7 @@ def compile_all(jobs: int = 2) -> None:
 
 def compile_samplers() -> None:
     """Samplers of windows and of small posteriors, FastSLAM, and the mirror test."""
-    for engine in ("dynesty-compiled", "nested", "fast"):
+    for engine in ("nested", "fast"):
         _sample(engine)
     sampler_contest.compile_all()
     _estimate("fastslam")

@@ -24,11 +24,7 @@ PRIOR_SCALE = 4.0  # of the prior about a settled window, which is divided out a
 MORE = (0, 1, 5, 10, 50)  # updates of iSAM2 after the last one
 DRAWS = 20_000
 # name -> factor on GTSAM's error(), is the prior divided out?
-READINGS = {
-    "paper": (0.5, False),
-    "untempered": (1.0, False),
-    "corrected": (1.0, True),
-}
+READINGS = {"paper": (0.5, False), "untempered": (1.0, False), "corrected": (1.0, True)}
 
 
 def spread_ratio(covariance: np.ndarray, reference: np.ndarray) -> float:
@@ -45,11 +41,7 @@ def window_factors(solution: Solution, t: int, factor: float) -> compiled.Factor
 
 
 def widths(
-    base: Baseline,
-    which: Sequence[int],
-    settings: SamplerSettings,
-    *,
-    rng: np.random.Generator,
+    base: Baseline, which: Sequence[int], settings: SamplerSettings, *, rng: np.random.Generator
 ) -> pd.DataFrame:
     """Flaws 1 and 2: how wide the sampled posterior of a window is, against what it might be.
 
@@ -57,8 +49,8 @@ def widths(
     -------
     one row per window and reading of `READINGS`: over_conditional, over_marginal (sampled
     standard deviation over the linearised one, geometric mean of the nine coordinates),
-    predicted_conditional, predicted_marginal (the same for a Gaussian window: precision
-    factor * Lambda + Sigma_w^-1 / c, the last term absent if divided out)
+    predicted_conditional (the same for a Gaussian window: precision factor * Lambda +
+    Sigma_w^-1 / c, the last term absent if divided out)
     """
     solution, rows = base.solution, []
     for t in which:
@@ -78,7 +70,6 @@ def widths(
                 "over_conditional": spread_ratio(run.covariance, conditional),
                 "over_marginal": spread_ratio(run.covariance, marginal),
                 "predicted_conditional": spread_ratio(predicted, conditional),
-                "predicted_marginal": spread_ratio(predicted, marginal),
             })
     return pd.DataFrame(rows)
 
@@ -195,7 +186,7 @@ def gaussianity(settled: Sequence[Settled], *, rng: np.random.Generator) -> pd.D
 
     Returns
     -------
-    one row per window: dimension, difference (importance less Laplace), error (its standard
+    one row per window: difference (importance less Laplace), error (its standard
     error), modes (found by many starts); difference and error NaN where there is no Laplace
     Gaussian or its weights may not be trusted
     """
@@ -207,7 +198,6 @@ def gaussianity(settled: Sequence[Settled], *, rng: np.random.Generator) -> pd.D
         )
         rows.append({
             "window": one.window,
-            "dimension": len(one.cholesky),
             "difference": run.log_evidence - one.gaussian.log_evidence if sound else np.nan,
             "error": run.log_evidence_error if sound else np.nan,
             "modes": many.diagnostics.n_modes,

@@ -132,17 +132,6 @@ def ratio(above: np.ndarray, below: np.ndarray, *, rng: np.random.Generator) -> 
     return _interval(counts @ above, counts @ below, len(above))
 
 
-def quantile(
-    values: np.ndarray, level: float, worlds: np.ndarray, *, rng: np.random.Generator
-) -> Interval:
-    """The `level` quantile of (N,) values, the smallest that so large a share does not exceed."""
-    order = np.argsort(values, kind="stable")
-    names, group = _groups(worlds[order])
-    below = np.cumsum(_draws(len(names), rng)[:, group], axis=1)
-    place = np.argmax(below >= level * below[:, -1:], axis=1)
-    return _interval(values[order][place], np.ones(len(place)), len(names))
-
-
 def _groups(worlds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Names of the worlds, and the (N,) number of each window's."""
     return np.unique(worlds, return_inverse=True)

@@ -1,4 +1,4 @@
-"""Means and medians over worlds with their errors, and paired differences."""
+"""Means and medians over worlds with their errors, and a sign test."""
 
 import math
 from collections.abc import Sequence
@@ -42,36 +42,6 @@ def precision_over_base(detections: pd.DataFrame, runs: pd.DataFrame) -> pd.Seri
     base = detections[keys].merge(runs[[*keys, "base_rate"]], on=keys)["base_rate"].to_numpy()
     open_question = (base > 0) & (base < 1)
     return pd.Series(np.where(open_question, detections["precision"].to_numpy() - base, np.nan))
-
-
-def paired_difference(runs: pd.DataFrame, value: str, a: str, b: str) -> pd.DataFrame:
-    """Preset `a` minus preset `b` on the seeds that both have, at each p.
-
-    Both presets see the same worlds, so the differences have less spread than the values. They
-    are skewed, a few worlds having most of the change, so that no mean decides.
-
-    Returns
-    -------
-    one row per p: p and the columns of `medians` for the differences, then less, more (worlds in
-    which `a` is less, or more, than `b` by over `EQUAL`) and p_value, see `sign_test`
-
-    Raises
-    ------
-    ValueError : `a` or `b` is not among the presets, or they share no run
-    """
-    for preset in (a, b):
-        if preset not in set(runs["preset"]):
-            raise ValueError(f"preset is {preset!r}: runs has {sorted(set(runs['preset']))}")
-    sides = [runs[runs["preset"] == preset][["p", "seed", value]] for preset in (a, b)]
-    both = sides[0].merge(sides[1], on=["p", "seed"], suffixes=("_a", "_b"))
-    if both.empty:
-        raise ValueError(f"presets {a!r} and {b!r} have no p and seed in common")
-    both["difference"] = both[f"{value}_a"] - both[f"{value}_b"]
-    table = medians(both, "difference", by=["p"])
-    signs = [sign_test(both.loc[both["p"] == p, "difference"].to_numpy()) for p in table["p"]]
-    return table.assign(
-        **dict(zip(("less", "more", "p_value"), zip(*signs, strict=True), strict=True))
-    )
 
 
 def sign_test(differences: np.ndarray) -> tuple[int, int, float]:

@@ -66,9 +66,9 @@ def number(value: float | None, fmt: str = ".2f") -> Cell:
     return Cell(f"{{:{fmt}}}", (value,))
 
 
-def mean_std(values: Sequence[float], fmt: str = ".2f") -> Cell:
+def mean_std(values: Sequence[float]) -> Cell:
     """ "mean ± std" of at least two numbers (sample standard deviation)."""
-    return with_error(float(np.mean(values)), standard_deviation(values), fmt)
+    return with_error(float(np.mean(values)), standard_deviation(values))
 
 
 def mean_error(values: Sequence[float], fmt: str = ".2f") -> Cell:
@@ -110,9 +110,10 @@ def show(frame: pd.DataFrame, mark: Callable[[pd.Series, str], bool] | None = No
     if mark is None:
         return HTML(frame.to_html(index=False, border=0))
     shown = [
-        [_bold(row[name]) if mark(row, name) else html.escape(str(row[name])) for name in frame]
+        [f"<strong>{text}</strong>" if mark(row, name) else text
+         for name, text in row.map(str).map(html.escape).items()]
         for _, row in frame.astype(object).iterrows()
-    ]
+    ]  # fmt: skip
     marked = pd.DataFrame(shown, columns=frame.columns).rename(columns=html.escape)
     return HTML(marked.to_html(index=False, border=0, escape=False))
 
@@ -132,10 +133,6 @@ def at(column: str | tuple | None, *rows: str | int) -> Callable[[pd.Series, obj
         return told and not first and column in (None, name)
 
     return mark
-
-
-def _bold(content: object) -> str:
-    return f"<strong>{html.escape(str(content))}</strong>"
 
 
 def to_json(content: object) -> dict | int | str:

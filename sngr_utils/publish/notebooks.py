@@ -48,8 +48,8 @@ def sources(name: str, code_only: bool = False) -> list[str]:
     return [text for kind, text, _ in _cells(name) if kind == "code" or not code_only]
 
 
-def declared_parameters(name: str) -> dict[str, Any]:
-    """Parameter -> default, from the notebook's cell tagged ``parameters``.
+def parameters(name: str) -> dict[str, Any]:
+    """Parameter -> default, from the notebook's cell tagged ``parameters``; not the runner's.
 
     Raises
     ------
@@ -73,12 +73,6 @@ def declared_parameters(name: str) -> dict[str, Any]:
             f"notebooks/{name}.ipynb: the parameters cell must hold lines "
             f"'name: type = literal value': {error}"
         ) from error
-    return declared
-
-
-def own_parameters(name: str) -> dict[str, Any]:
-    """`declared_parameters` without the runner's."""
-    declared = declared_parameters(name)
     declared.pop(OUTPUT_DIR, None)
     return declared
 

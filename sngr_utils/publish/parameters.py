@@ -16,7 +16,8 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from sngr_utils import paths
-from sngr_utils.publish.notebooks import OUTPUT_DIR, ProjectError, declared_parameters
+from sngr_utils.publish import notebooks
+from sngr_utils.publish.notebooks import ProjectError
 
 LARGEST = 1_000_000  # bytes, and entries, that a YAML file may have
 
@@ -34,7 +35,7 @@ def read_params(name: str, folder: Path | None = None) -> dict[str, Any]:
     values = read_yaml(path)
     if not isinstance(values, dict):
         raise ProjectError(f"{where} must hold 'key: value' lines")
-    declared = declared_parameters(name).keys() - {OUTPUT_DIR}
+    declared = notebooks.parameters(name).keys()
     for key in values:
         if key not in declared:
             near = difflib.get_close_matches(str(key), declared, n=1)
@@ -97,7 +98,7 @@ def config_of(name: str) -> Any:
     if not (paths.PACKAGE / f"{stem}.py").exists():
         raise ProjectError(f"notebooks/{name}.ipynb has no helper: sngr_utils/{stem}.py is missing")
     config = importlib.import_module(f"sngr_utils.{stem}").Config
-    declared = declared_parameters(name).keys() - {OUTPUT_DIR}
+    declared = notebooks.parameters(name).keys()
     for key in sorted(config.model_fields.keys() ^ declared):
         raise ProjectError(
             f"parameter {key!r}: notebooks/{name}.ipynb and sngr_utils/{stem}.py must both have it"

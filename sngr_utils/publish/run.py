@@ -111,7 +111,7 @@ def refresh(name: str) -> None:
     ProjectError : the notebook failed, or was saved again while it ran
     """
     path = paths.NOTEBOOKS / f"{name}.ipynb"
-    defaults = notebooks.own_parameters(name)
+    defaults = notebooks.parameters(name)
     before = path.read_bytes()
     run = execution.run_of(name, defaults)
     if path.read_bytes() != before:

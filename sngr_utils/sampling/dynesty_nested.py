@@ -30,15 +30,10 @@ def run_nested(
     transform: Callable[[np.ndarray], np.ndarray],
     dimension: int,
     settings: SamplerSettings,
-    walk: RWalkSampler | None = None,
     *,
     rng: np.random.Generator,
 ) -> WeightedSamples:
     """Static nested sampling by dynesty with random walks (paper, section "Refinement").
-
-    Parameters
-    ----------
-    walk : another sampler of new points than `CanonicalWalk`
 
     Source: Speagle, MNRAS 493 (2020) 3132; Skilling, Bayesian Analysis 1 (2006) 833.
     """
@@ -47,7 +42,7 @@ def run_nested(
         transform,
         dimension,
         nlive=settings.n_live,
-        sample=walk or CanonicalWalk(walks=settings.walks(dimension)),
+        sample=CanonicalWalk(walks=settings.walks(dimension)),
         rstate=rng,
     )
     with quick_logsumexp():

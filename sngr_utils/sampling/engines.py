@@ -1,4 +1,4 @@
-"""Four engines for the same window posterior, behind one call.
+"""Three engines for the same window posterior, behind one call.
 
 dynesty is the reference; the others are tested against it, and against GTSAM's factors.
 """
@@ -9,7 +9,6 @@ from functools import partial
 import numpy as np
 
 from sngr_utils.sampling import compiled_nested, importance
-from sngr_utils.sampling.compiled_walk import CompiledWalk
 from sngr_utils.sampling.dynesty_nested import run_nested
 from sngr_utils.sampling.prior_transform import prior_transform
 from sngr_utils.sampling.settings import EngineChoice, FastSettings, SamplerSettings
@@ -65,22 +64,13 @@ def sample_factors(
     *,
     rng: np.random.Generator,
 ) -> WeightedSamples:
-    """`sample_window` from flattened factors, for the three compiled engines."""
+    """`sample_window` from flattened factors, for the two compiled engines."""
     cholesky = np.linalg.cholesky(settings.prior_scale * covariance)
-    walks = settings.walks(len(cholesky))
-    if engine == "nested":
-        return compiled_nested.sample(
-            factors, cholesky, settings.n_live, walks, settings.dlogz, rng=rng
-        )
     if engine == "fast":
         return _fast(factors, cholesky, settings, rng)
-    return run_nested(
-        lambda xi: compiled.log_likelihood(factors, xi),
-        prior_transform(covariance, settings.prior_scale),
-        len(cholesky),
-        settings,
-        CompiledWalk(factors, cholesky, walks=walks),
-        rng=rng,
+    walks = settings.walks(len(cholesky))
+    return compiled_nested.sample(
+        factors, cholesky, settings.n_live, walks, settings.dlogz, rng=rng
     )
 
 

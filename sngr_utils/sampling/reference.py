@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sngr_utils.metrics.effective_sample_size import effective_sample_size
 from sngr_utils.numerics.jit import compile_once
 from sngr_utils.sampling.targets.ambiguous_window import Window, place, range_term
 from sngr_utils.sampling.targets.landmark import Landmark
@@ -153,57 +152,3 @@ def _filter(n, kept, x0_mean, x0_sigmas, odometry, sigmas, pose_of, ranges, log_
         drawn = np.searchsorted(steps, (np.arange(out) + rng.random()) / out * steps[-1])
         noises = noises[np.minimum(drawn, n - 1)]
     return noises, log_evidence
-
-
-@dataclass(frozen=True)
-class Cells:
-    """A partition of the plane into 2^depth cells of nearly equal reference mass.
-
-    Attributes
-    ----------
-    cuts : (2^depth - 1,) where each cell is cut in two, x and y in turn, as in a k-d tree, [m]
-    masses : (2^depth,) reference mass of each cell
-    """
-
-    cuts: np.ndarray
-    masses: np.ndarray
-
-    def index(self, places: np.ndarray) -> np.ndarray:
-        """(N,) int: the cell of each of (N, 2) places"""
-        node = np.zeros(len(places), dtype=int)
-        for level in range(len(self.masses).bit_length() - 1):
-            node = 2 * node + 1 + (places[:, level % 2] > self.cuts[node])
-        return node - len(self.cuts)
-
-    def divergence(self, places: np.ndarray, weights: np.ndarray) -> float:
-        """KL(reference || weighted samples) over the cells, [nats].
-
-        No more than the divergence of the densities. Each cell is given half an effective sample
-        beforehand, so that an empty one counts for what so few samples can tell.
-
-        Parameters
-        ----------
-        places, weights : (N, 2) in the plane [m], (N,) summing to 1
-        """
-        ess, n = effective_sample_size(weights), len(self.masses)
-        found = np.bincount(self.index(places), weights, minlength=n)
-        smoothed = (ess * found + 0.5) / (ess + 0.5 * n)
-        held = self.masses > 0
-        return float(np.sum(self.masses[held] * np.log(self.masses[held] / smoothed[held])))
-
-
-def cells(places: np.ndarray, weights: np.ndarray, depth: int = 4) -> Cells:
-    """Cut the plane at weighted medians of (N, 2) reference places, [m]."""
-    cuts, groups = [], [np.arange(len(places))]
-    for level in range(depth):
-        halves = []
-        for group in groups:
-            values = places[group, level % 2]
-            order = np.argsort(values)
-            below = np.cumsum(weights[group][order])
-            middle = np.searchsorted(below, 0.5 * below[-1]) if len(group) else 0
-            cut = float(values[order[middle]]) if len(group) else 0.0
-            cuts.append(cut)
-            halves += [group[values <= cut], group[values > cut]]
-        groups = halves
-    return Cells(np.array(cuts), np.array([weights[group].sum() for group in groups]))

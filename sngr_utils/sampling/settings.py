@@ -29,14 +29,13 @@ class SamplerSettings(Checked):
         return max(dimension, self.min_walks)
 
 
-ENGINES = ("dynesty", "dynesty-compiled", "nested", "fast")
+ENGINES = ("dynesty", "nested", "fast")
 
 
 class EngineChoice(Checked):
     """engine : what draws the samples of a window
 
     dynesty : dynesty, GTSAM's likelihood; the reference
-    dynesty-compiled : dynesty with its walk compiled
     nested : compiled nested sampler
     fast : many-start optimisation and importance sampling; where its own diagnostics or a
         random audit object, the compiled nested sampler

@@ -60,8 +60,7 @@ def _cell(each: Interval) -> cells.Cell:
 def draw_worlds(axes: Sequence[Axes], levels: Sequence[float]) -> None:
     """Three panels against p: precision and base rates, recall, share of silent worlds."""
     levels = _studied(levels)
-    found = [authors_worlds.measures(p) for p in levels]
-    right = [p > 0 for p in levels]  # on clean data few windows fail and few fire
+    found = {p: authors_worlds.measures(p) for p in levels}
     lines = [
         (axes[0], "precision", style.TRIGGERED, "o", "precision"),
         (axes[0], "base_there", style.ESTIMATE, "s", "base rate where it fires"),
@@ -70,13 +69,12 @@ def draw_worlds(axes: Sequence[Axes], levels: Sequence[float]) -> None:
         (axes[2], "silent", style.TRIGGERED, "o", "silent worlds"),
     ]
     for ax, name, colour, marker, label in lines:
-        shown = [
-            each[name] for each, keep in zip(found, right, strict=True) if keep or ax is axes[2]
-        ]
-        x = np.array([p for p, keep in zip(levels, right, strict=True) if keep or ax is axes[2]])
+        # on clean data few windows fail and few fire
+        at = [p for p in levels if p > 0 or name == "silent"]
+        shown = [found[p][name] for p in at]
         values = np.array([each.value for each in shown])
         errors = np.abs(np.array([[each.low, each.high] for each in shown]).T - values)
-        ax.errorbar(x, values, errors, color=colour, marker=marker, mfc="none", ms=5, lw=0.8,
+        ax.errorbar(at, values, errors, color=colour, marker=marker, mfc="none", ms=5, lw=0.8,
                     capsize=2, label=label)  # fmt: skip
     ends = min(levels) - 0.03, max(levels) + 0.03
     named = "share of windows, from 0.6", "recall", "share of worlds"

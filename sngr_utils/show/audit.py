@@ -204,30 +204,6 @@ def gaussianity_table(found: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def ess_table(ess: pd.DataFrame) -> pd.DataFrame:
-    """ESS shares of windows and of exact Gaussians of the same covariances; errors over worlds."""
-    worlds = ess.groupby(["scale", "kind", "seed"])["ess_share"].mean()
-    return pd.DataFrame([
-        {"c": f"{scale:g}", "exact Gaussian": mean_error(worlds[scale, "Gaussian"], ".3f"),
-         "window": mean_error(worlds[scale, "window"], ".3f")}
-        for scale in worlds.index.unique("scale")
-    ])  # fmt: skip
-
-
-def evidence_table(checks: pd.DataFrame) -> pd.DataFrame:
-    """Nested sampling of the corrected target less importance sampling, [nats]."""
-    return pd.DataFrame([
-        {
-            "separators": separators, "d": d, "windows": len(group),
-            "mean difference [nats]": mean_error(group["difference"], ".3f"),
-            "largest, in errors": t(group["in_errors"].abs().max(), ".1f"),
-            "beyond 3 errors": (group["in_errors"].abs() > 3).sum(),
-            "sd ratio": t(float(np.exp(np.log(group["sd_ratio"]).mean()))),
-        }
-        for (separators, d), group in checks.groupby(["separators", "dimension"])
-    ])  # fmt: skip
-
-
 def sampler_table(studies: WindowStudies) -> pd.DataFrame:
     """What the sampler samples, in seven checks: what it should find, and what it finds."""
     widths = studies.widths.groupby("reading", sort=False)

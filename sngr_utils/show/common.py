@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.patches import Ellipse
 
 from sngr_utils.publish import cells, report
 from sngr_utils.show.methods import PRINTED
@@ -37,6 +38,14 @@ def draw_printed(
         x, y, ls=PRINTED.dash if line else "none", marker=PRINTED.marker, color=PRINTED.colour,
         lw=PRINTED.width, mfc="none", label=f"{PRINTED.name} {what}".strip(), **{"ms": 4, **looks},
     )  # fmt: skip
+
+
+def draw_ellipse(ax: Axes, mean: np.ndarray, covariance: np.ndarray, colour: str) -> None:
+    """The ellipse of two standard deviations."""
+    squares, axes = np.linalg.eigh(covariance)
+    width, height = 4 * np.sqrt(squares)
+    angle = np.degrees(np.arctan2(axes[1, 0], axes[0, 0]))
+    ax.add_patch(Ellipse(mean, width, height, angle=angle, fill=False, color=colour, lw=0.8))
 
 
 def printed_fires(p: float) -> str:

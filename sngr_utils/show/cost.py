@@ -133,8 +133,7 @@ def record_engines(
 ) -> None:
     """Hand the comparison of the engines to the paper; `fast` is that of `exhaustive_fast`."""
     names = dict(zip((
-        "closure_loop", "window_loop", "one_call", "compiled_walk_few", "compiled_walk",
-        "nested_few", "nested", "fast",
+        "closure_loop", "window_loop", "one_call", "nested_few", "nested", "fast",
     ), performances, strict=True))  # fmt: skip
     for key in ("nested", "fast"):
         faster = performances[names[key]].seconds

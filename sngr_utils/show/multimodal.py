@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
-from matplotlib.patches import Ellipse
 
 from sngr_utils.experiments import multimodality, sampler_contest
 from sngr_utils.experiments.multimodality import SECOND_MASS
@@ -16,7 +15,7 @@ from sngr_utils.multimodal import Config
 from sngr_utils.publish import report
 from sngr_utils.publish.cells import cell, number
 from sngr_utils.show import style
-from sngr_utils.show.common import legend_above
+from sngr_utils.show.common import draw_ellipse, legend_above
 
 t = number
 MASS_TARGET = 0.05  # error of a mode's mass that is small enough
@@ -64,16 +63,16 @@ def detection_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def samplers_table(runs: pd.DataFrame, case: str) -> pd.DataFrame:
-    """Methods of one case: errors of masses, divergence, evidence, and likelihood calls."""
+    """Methods of one case: errors of masses and evidence, and likelihood calls."""
     mine, rows = runs[runs["case"] == case], []
     for (size, method), part in mine.groupby(["size", "method"], sort=False):
         small = (part["mass_error"] <= MASS_TARGET).sum()
         rows.append([
             size, method, t(part["mass_error"].mean(), ".3f"), t(part["mass_error"].max()),
-            cell("{:d} of {:d}", small, len(part)), t(part["divergence"].mean()),
+            cell("{:d} of {:d}", small, len(part)),
             t(part["evidence_error"].mean()), t(part["calls"].mean() / 1000, ".0f"),
         ])  # fmt: skip
-    heads = ["size", "method", "mass error", "worst", "within the target", "KL in cells [nats]",
+    heads = ["size", "method", "mass error", "worst", "within the target",
              "evidence error [nats]", "1000 calls"]  # fmt: skip
     return pd.DataFrame(rows, columns=heads)
 
@@ -227,11 +226,7 @@ def draw_posterior(ax: Axes, view) -> None:
     ax.pcolormesh(places[..., 0], places[..., 1], shade, cmap=WHITE_TO_GREEN, shading="gouraud",
                   rasterized=True)  # fmt: skip
     if view.gaussian is not None:
-        variances, axes = np.linalg.eigh(view.gaussian[1])
-        width, height = 4 * np.sqrt(variances)
-        angle = np.degrees(np.arctan2(axes[1, 0], axes[0, 0]))
-        ax.add_patch(Ellipse(view.gaussian[0], width, height, angle=angle, fill=False,
-                             color=style.ESTIMATE))  # fmt: skip
+        draw_ellipse(ax, *view.gaussian, style.ESTIMATE)
     ax.plot(*view.positions.T, ".", color=style.PRINTED)
     ax.plot(*view.truth, "+", color=style.TRUTH, ms=6)
     # the ring of the first range, which holds both places

@@ -241,20 +241,12 @@ def goats_table(rows: pd.DataFrame) -> pd.DataFrame:
             "with Huber's loss [m]": cells.number(row["median_huber"]),
             "nine tenths [m]": cells.number(row["ninth_decile"], ".1f"),
             "beacons from survey [σ] [m]":
-                cells.with_interval(row["beacons_rmse"], *_widest(row), ".1f"),
+                cells.with_interval(
+                    row["beacons_rmse"], row["beacon_sigma_least"], row["beacon_sigma_most"], ".1f"
+                ),
         }
         for _, row in rows.iterrows()
     ])  # fmt: skip
-
-
-def _widest(row: Mapping) -> tuple[float, float]:
-    """Least and largest, over the beacons of a dive, of the sigma on the longest axis, [m]."""
-    sigmas, k = [], 0
-    while f"beacon_{k}_xx" in row and np.isfinite(row[f"beacon_{k}_xx"]):
-        xx, xy, yy = (row[f"beacon_{k}_{name}"] for name in ("xx", "xy", "yy"))
-        sigmas.append(float(np.sqrt(np.linalg.eigvalsh([[xx, xy], [xy, yy]])[-1])))
-        k += 1
-    return min(sigmas), max(sigmas)
 
 
 def stretch_table(stretch: Stretch, rmse: Mapping[str, float]) -> pd.DataFrame:

@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.patches import Circle, Ellipse
+from matplotlib.patches import Circle
 
 from sngr_utils.publish import cells, report
 from sngr_utils.show import style
-from sngr_utils.show.common import legend_above
+from sngr_utils.show.common import draw_ellipse, legend_above
 from sngr_utils.start_here import LANDMARKS, POSES, Drive
 
 LOOKS = [(style.ESTIMATE, "--"), (style.LANDMARK, "-."), (style.TRUTH, "-")]
@@ -64,7 +64,7 @@ def draw_descents(
     for (name, path), colour in zip(paths.items(), colours, strict=False):
         ax.plot(*path.T, "-o", color=colour, label=name)
         ax.plot(*path[-1], "o", ms=6, mfc="none", color=colour)
-    _draw_ellipse(ax, *ellipse, style.TRUTH)
+    draw_ellipse(ax, *ellipse, style.TRUTH)
     ax.plot([], [], color=style.TRUTH, label="2 σ of the fit")
     _metres(ax)
     ax.legend(loc="center left", bbox_to_anchor=(1, 0.5))
@@ -95,7 +95,7 @@ def draw_fits(axes: Sequence[Axes], fits: Mapping[str, tuple[np.ndarray, np.ndar
         for number, place in enumerate(at):
             block = slice(2 * number, 2 * number + 2)
             colour = style.ESTIMATE if number < 5 else style.LANDMARK
-            _draw_ellipse(ax, place, covariance[block, block], colour)
+            draw_ellipse(ax, place, covariance[block, block], colour)
         _metres(ax)
         ax.set(title=title, xlim=(-1, 9), ylim=(-1, 4))
     axes[0].legend(loc="upper center")
@@ -131,14 +131,6 @@ def record(drives: Mapping, upper_mass: float, to: report.Report) -> None:
         sigma, error = last_place(fitted, covariance)
         for what, value in (("cost", cost), ("sigma", sigma), ("error", error)):
             to.value(f"start.{name}.{what}", value, unit="" if what == "cost" else "m")
-
-
-def _draw_ellipse(ax: Axes, mean: np.ndarray, covariance: np.ndarray, colour: str) -> None:
-    """The ellipse of two standard deviations."""
-    squares, axes = np.linalg.eigh(covariance)
-    width, height = 4 * np.sqrt(squares)
-    angle = np.degrees(np.arctan2(axes[1, 0], axes[0, 0]))
-    ax.add_patch(Ellipse(mean, width, height, angle=angle, fill=False, color=colour, lw=0.8))
 
 
 def _metres(ax: Axes) -> None:

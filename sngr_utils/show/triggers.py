@@ -61,21 +61,6 @@ def null_table(null: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=heads)
 
 
-def calibration_table(found: pd.DataFrame) -> pd.DataFrame:
-    """Thresholds from clean worlds, and how well these fix them."""
-    rows = [
-        [
-            NAMES[row["detector"]],
-            t(row["threshold"], ".3g"),
-            cell("{:.3g} to {:.3g}", row["low"], row["high"]),
-            cell("{:.3g} to {:.3g}", row["worlds_low"], row["worlds_high"]),
-        ]
-        for _, row in found.iterrows()
-    ]
-    heads = ["score", "threshold", "if windows were independent", "worlds drawn"]
-    return pd.DataFrame(rows, columns=heads)
-
-
 def case_table(found: pd.DataFrame, column: str) -> pd.DataFrame:
     """One column of a summary with its intervals: detectors down, cases across, base rates."""
     cases = list(dict.fromkeys(found["case"]))

@@ -5,6 +5,16 @@ import gtsam
 from sngr_utils.slam.solution import Solution
 
 
+def optimise(graph: gtsam.NonlinearFactorGraph, start: gtsam.Values) -> gtsam.Values:
+    """Levenberg-Marquardt until nothing is gained; robust losses are reweighted."""
+    # GTSAM's own defaults let lambda underflow to 0, which no factor raises again: a hang
+    params = gtsam.LevenbergMarquardtParams.CeresDefaults()
+    params.setMaxIterations(1000)
+    params.setRelativeErrorTol(1e-12)
+    params.setAbsoluteErrorTol(1e-9)
+    return gtsam.LevenbergMarquardtOptimizer(graph, start, params).optimize()
+
+
 def converge(solution: Solution, how: str = "batch", updates: int = 10) -> Solution:
     """The same factors with their estimate settled; `solution` is left as it was.
 
@@ -27,13 +37,7 @@ def converge(solution: Solution, how: str = "batch", updates: int = 10) -> Solut
             isam.update()
         estimate = isam.calculateEstimate()
     elif how == "batch":
-        # GTSAM's own defaults let lambda underflow to 0, which no factor raises again: a hang
-        params = gtsam.LevenbergMarquardtParams.CeresDefaults()
-        params.setMaxIterations(1000)
-        params.setRelativeErrorTol(1e-12)
-        params.setAbsoluteErrorTol(1e-9)
-        start = solution.estimate
-        estimate = gtsam.LevenbergMarquardtOptimizer(solution.graph, start, params).optimize()
+        estimate = optimise(solution.graph, solution.estimate)
     else:
         raise ValueError(f"how is {how!r}: it must be 'batch' or 'updates'")
     return Solution(isam, solution.graph, estimate, solution.n_poses, solution.n_landmarks)

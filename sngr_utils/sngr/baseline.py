@@ -21,7 +21,6 @@ class Baseline:
     ----------
     p, seed : wrong-association probability and seed of the world
     world, solution : the data and the MAP estimate
-    position_errors : (T,) distance of each pose to the truth, [m]
     covariances : (N, 9, 9) joint marginals of the windows
     scores : (N,) log10 condition numbers
     failed : (N,) bool, mean error above 0.5 m
@@ -33,7 +32,6 @@ class Baseline:
     seed: int
     world: simulation.World
     solution: Solution
-    position_errors: np.ndarray
     covariances: np.ndarray
     scores: np.ndarray
     failed: np.ndarray
@@ -77,7 +75,6 @@ def run_baseline(scenario: Scenario, conventions: Conventions, p: float, seed: i
         seed=seed,
         world=the_world,
         solution=solution,
-        position_errors=distances,
         covariances=covariances,
         scores=trigger.score(covariances),
         failed=failure.failures(distances),

@@ -30,7 +30,7 @@ class RefinedWorld:
     windows : the refined windows, ascending
     poses : (T, 3) after all accepted windows were applied, [m, m, rad]
     pose_rmse, solution_rmse : after refinement and before, [m]
-    nees, solution_nees : likewise, both with the covariances of `solution`
+    nees : after refinement, with the covariances of `solution`
     """
 
     baseline: Baseline
@@ -40,7 +40,6 @@ class RefinedWorld:
     pose_rmse: float
     solution_rmse: float
     nees: float
-    solution_nees: float
 
     @property
     def accepted(self) -> int:
@@ -116,5 +115,4 @@ def refine_world(
         pose_rmse=rmse(after, true),
         solution_rmse=rmse(before, true),
         nees=nees(after - true, covariances),
-        solution_nees=nees(before - true, covariances),
     )

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from scipy import stats
 
 from sngr_utils.detection import thresholds
 
@@ -39,35 +38,11 @@ def test_surprise_agrees_with_the_threshold():
     assert thresholds.surprise(np.array([9.0, -9.0]), clean) == pytest.approx([np.log10(61), 0])
 
 
-@pytest.mark.parametrize("n", [30, 200, 780])
-def test_interval_of_a_quantile_covers_and_no_more(n):
-    """Coverage by the binomial law of the number of scores below the quantile."""
-    low, high = thresholds.quantile_interval(np.arange(1, n + 1), 0.05)
-    first = 0 if low == -np.inf else int(low)
-    last = n + 1 if high == np.inf else int(high)
-    below = stats.binom(n, 0.95)
-    assert below.cdf(last - 1) - below.cdf(first - 1) >= 0.95
-    if last <= n:
-        assert below.cdf(last - 2) < 0.975
-    assert below.cdf(first) > 0.025
-    if n == 30:
-        assert high == np.inf  # thirty scores hold no upper limit of their 95 % quantile
-
-
-def test_interval_of_a_low_quantile_is_that_of_a_high_one_turned_round():
-    """Thirty scores hold no lower limit of their 5 % quantile, as no upper one of the 95 %."""
-    scores = np.arange(30.0)
-    low, high = thresholds.quantile_interval(scores, 0.95)
-    turned = thresholds.quantile_interval(-scores, 0.05)
-    assert (low, high) == (-turned[1], -turned[0])
-    assert low == -np.inf < 0 < high < np.inf
-
-
 @pytest.mark.parametrize("alpha", [0.0, 1.0, -0.1])
 def test_bad_arguments_are_named(alpha):
     with pytest.raises(ValueError, match="alpha"):
         thresholds.conformal_threshold(np.arange(5), alpha)
     with pytest.raises(ValueError, match="clean"):
-        thresholds.quantile_interval(np.array([]), 0.05)
+        thresholds.conformal_threshold(np.array([]), 0.05)
     with pytest.raises(ValueError, match="clean"):
         thresholds.surprise(np.zeros(1), np.array([np.nan]))

@@ -25,9 +25,9 @@ def engines():
 
 def test_every_engine_takes_part_and_is_measured(engines):
     _, performances = engines
-    assert len(performances) == 8
+    assert len(performances) == 6
     runs = [len(p.seconds) for p in performances.values()]
-    assert runs == [1, 1, 1, 1, 2, 20, 20, 20]
+    assert runs == [1, 1, 1, 20, 20, 20]
     for p in performances.values():
         assert (p.seconds >= 0).all()
         assert (p.calls > 30).all()
@@ -40,8 +40,8 @@ def test_bench_tables_and_values(engines, tmp_path, capsys, monkeypatch):
     config, performances = engines
     per_call = cost.likelihood_seconds(config)
     assert 1e-8 < per_call < 1e-4
-    assert show.speed_table(performances, per_call).shape == (8, 6)
-    assert show.accuracy_table(performances).shape == (8, 6)
+    assert show.speed_table(performances, per_call).shape == (6, 6)
+    assert show.accuracy_table(performances).shape == (6, 6)
     fig, axes = plt.subplots(1, 3)
     show.draw_engines(axes[:2], performances, per_call)
     limits, quickest = axes[0].lines[0].get_xdata(), axes[0].lines[-1].get_xdata()
@@ -76,15 +76,14 @@ def test_growth_measures_what_it_says():
     grown = growth.growth(SMALL["lengths"], Scenario(), conventions.PRESETS["B"], 0)
     assert set(grown.seconds) == set(growth.GROWTH)
     assert all((seconds > 0).all() for seconds in grown.seconds.values())
-    assert grown.largest_error < 1
     table = show.growth_table(grown)
     assert table.shape == (5, 4)
-    assert np.isnan(growth.Growth(np.array([3, 4]), {"a": np.array([1.0, np.nan])}, 0.0).slope("a"))
+    assert np.isnan(growth.Growth(np.array([3, 4]), {"a": np.array([1.0, np.nan])}).slope("a"))
 
 
 def test_slope_of_a_power_law():
     lengths = np.array([10, 100, 1000])
-    grown = growth.Growth(lengths, {"square": 3e-6 * lengths**2.0}, 0.0)
+    grown = growth.Growth(lengths, {"square": 3e-6 * lengths**2.0})
     assert grown.slope("square") == pytest.approx(2)
 
 

@@ -5,6 +5,7 @@ import joblib
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 
 from sngr_utils.experiments import estimators
 from sngr_utils.metrics import rmse_and_nees
@@ -181,3 +182,53 @@ def test_unknown_names_are_refused():
         estimators.compare(scenario.Scenario(), C, [0.0], [100], ["tukey"])
     with pytest.raises(ValueError, match="start is 'truth'"):
         estimators.compare(scenario.Scenario(), C, [0.0], [100], ["huber"], ["truth"])
+
+
+def two_methods(n=12, gap=0.3):
+    rng = np.random.default_rng(6)
+    hard = rng.normal(size=n)
+    values = {"a": hard + gap + 0.1 * rng.normal(size=n), "b": hard}
+    return pd.DataFrame([
+        {"method": name, "start": "none", "p": 0.2, "seed": seed, "pose_rmse": x}
+        for name, xs in values.items()
+        for seed, x in enumerate(xs)
+    ])
+
+
+def test_paired_difference_is_a_median_with_a_sign_test():
+    runs = two_methods()
+    a, b = (runs.pose_rmse[runs.method == name].to_numpy() for name in "ab")
+    row = estimators.paired(runs, "a", "b").iloc[0]
+    ranked = np.sort(a - b)
+    assert row["median"] == pytest.approx(np.median(a - b))
+    assert (row.low, row.high) == (ranked[2], ranked[-3])  # of 12: covers 96 %, in any table
+    assert (row.less, row.more) == (np.sum(a < b), np.sum(a > b))
+    assert row.p_value == pytest.approx(stats.binomtest(int(row.less), 12).pvalue)
+    other = estimators.paired(runs, "b", "a").iloc[0]
+    assert (other["median"], other.low) == pytest.approx((-row["median"], -row.high))
+
+
+def test_paired_difference_uses_common_seeds_and_known_values():
+    runs = two_methods()
+    runs = runs[~((runs.method == "b") & (runs.seed >= 10))]
+    runs.loc[(runs.method == "a") & (runs.seed == 0), "pose_rmse"] = np.nan
+    shuffled = runs.sample(frac=1, random_state=np.random.default_rng(0))
+    row = estimators.paired(shuffled, "a", "b").iloc[0]
+    assert (row.n, row.missing) == (9, 1)
+    same = estimators.paired(runs, "b", "b").iloc[0]
+    assert (same["median"], same.p_value) == (0, 1)
+    with pytest.raises(ValueError, match="in common"):
+        estimators.paired(runs, "a", "d")
+    apart = runs[(runs.method == "a") | (runs.seed < 0)]
+    with pytest.raises(ValueError, match="in common"):
+        estimators.paired(pd.concat([apart, apart.assign(method="c", p=0.9)]), "a", "c")
+
+
+def test_a_start_is_the_same_whatever_was_started_before():
+    """The oracle's labels were once left to the start that came after it."""
+    both, alone = (
+        estimators.compare(scenario.Scenario(), C, [0.4], [101], ["huber", "oracle"], starts)
+        for starts in (["first_poses", "grid"], ["grid"])
+    )
+    again = both[both["start"] == "grid"].reset_index(drop=True)
+    pd.testing.assert_frame_equal(again.drop(columns="seconds"), alone.drop(columns="seconds"))

@@ -131,30 +131,6 @@ def test_coverage_that_the_docstring_of_summary_states():
     assert bca.mean() < covers[:400].mean() - 0.02
 
 
-def paired(n=12, gap=0.3):
-    rng = np.random.default_rng(6)
-    hard = rng.normal(size=n)
-    values = {"a": hard + gap + 0.1 * rng.normal(size=n), "b": hard}
-    return pd.DataFrame([
-        {"preset": name, "p": 0.2, "seed": seed, "x": x}
-        for name, xs in values.items()
-        for seed, x in enumerate(xs)
-    ])
-
-
-def test_paired_difference_is_a_median_with_a_sign_test():
-    runs = paired()
-    a, b = (runs.x[runs.preset == name].to_numpy() for name in "ab")
-    row = summaries.paired_difference(runs, "x", "a", "b").iloc[0]
-    ranked = np.sort(a - b)
-    assert row["median"] == pytest.approx(np.median(a - b))
-    assert (row.low, row.high) == (ranked[2], ranked[-3])  # of 12: covers 96 %, in any table
-    assert (row.less, row.more) == (np.sum(a < b), np.sum(a > b))
-    assert row.p_value == pytest.approx(stats.binomtest(int(row.less), 12).pvalue)
-    other = summaries.paired_difference(runs, "x", "b", "a").iloc[0]
-    assert (other["median"], other.low) == pytest.approx((-row["median"], -row.high))
-
-
 def test_a_median_has_an_interval_from_six_values_on_and_few_large_ones_do_not_move_it():
     """The least and the largest of six cover the median in 1 - 2 / 2^6 = 97 %."""
     row = summaries.median_and_interval(pd.Series([3.0, 1, 2, 4, 1e9, 5, np.nan]))
@@ -175,24 +151,6 @@ def test_a_sign_test_leaves_out_what_is_equal_or_undefined():
     assert found == (2, 1, pytest.approx(1.0))
     assert summaries.sign_test(np.zeros(4)) == (0, 0, 1.0)
     assert summaries.sign_test(-np.ones(10))[2] == pytest.approx(2 / 2**10)
-
-
-def test_paired_difference_uses_common_seeds_and_known_values():
-    runs = paired()
-    runs = runs[~((runs.preset == "b") & (runs.seed >= 10))]
-    runs.loc[(runs.preset == "a") & (runs.seed == 0), "x"] = np.nan
-    shuffled = runs.sample(frac=1, random_state=np.random.default_rng(0))
-    row = summaries.paired_difference(shuffled, "x", "a", "b").iloc[0]
-    assert (row.n, row.missing) == (9, 1)
-    same = summaries.paired_difference(runs, "x", "b", "b").iloc[0]
-    assert (same["median"], same.p_value) == (0, 1)
-    with pytest.raises(ValueError, match="preset is 'd'"):
-        summaries.paired_difference(runs, "x", "a", "d")
-    apart = runs[(runs.preset == "a") | (runs.seed < 0)]
-    with pytest.raises(ValueError, match="in common"):
-        summaries.paired_difference(
-            pd.concat([apart, apart.assign(preset="c", p=0.9)]), "x", "a", "c"
-        )
 
 
 @pytest.fixture(scope="module")

@@ -115,17 +115,6 @@ def test_what_is_undefined_is_nan(windows):
     assert np.isnan(few.low)
 
 
-@pytest.mark.parametrize("level", [0.05, 0.5, 0.95, 1.0])
-def test_quantile_with_and_without_repeated_worlds(windows, level):
-    """The smallest value that a share of at least `level` does not exceed, by NumPy."""
-    scores, _, worlds = windows
-    counts = np.array([2, 0, 1, 1, 3, 0, 0, 1])
-    got = cluster_bootstrap.quantile(scores, level, worlds, rng=Repeats(counts))
-    again = np.repeat(np.arange(96), counts[worlds])
-    assert got.value == np.quantile(scores, level, method="inverted_cdf")
-    assert got.low == got.high == np.quantile(scores[again], level, method="inverted_cdf")
-
-
 class Alternates:
     """In the place of a generator: every other draw is the first world alone."""
 

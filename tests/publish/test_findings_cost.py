@@ -12,13 +12,13 @@ from sngr_utils.sampling.settings import SamplerSettings
 from sngr_utils.sngr.baseline import run_baseline
 from sngr_utils.world.scenario import Scenario
 
-ENGINES = range(1, 9)  # rows: four of dynesty and one with long walks, two compiled, the fast path
-DYNESTY, FEW, MANY, FAST = range(5), 5, 6, 7
+ENGINES = range(1, 7)  # rows: three of dynesty, two compiled, the fast path
+DYNESTY, FEW, MANY, FAST = range(3), 3, 4, 5
 ASKED = {"closure.call_over_window", "growth.anew_slope"}
 
 
 def column(number, part=""):
-    """(8,) of the table of accuracy."""
+    """(6,) of the table of accuracy."""
     return np.array(
         [value(f"tab_accuracy.row{i}.column{number}{part}") for i in ENGINES],
         dtype=float,

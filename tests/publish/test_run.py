@@ -250,7 +250,7 @@ def test_notebook_without_parameters_or_driver(project):
     declared.metadata.tags = []
     write_notebook(project, declared, BODY)
     with pytest.raises(notebooks.ProjectError, match="no cell tagged 'parameters'"):
-        notebooks.declared_parameters(NAME)
+        notebooks.parameters(NAME)
     with pytest.raises(notebooks.ProjectError, match=r"sngr_utils/other\.py is missing"):
         parameters.config_of("09_other")
 

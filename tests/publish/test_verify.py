@@ -92,7 +92,7 @@ def test_an_error_of_zero_or_rounding_counts_for_nothing(tmp_path, value, error,
 @pytest.mark.parametrize("name", notebooks.names())
 def test_committed_reference_is_what_the_committed_notebook_gives(name):
     """Each notebook's own run, which is executed only where no test before has done so."""
-    folder = execution.run_of(name, notebooks.own_parameters(name))
+    folder = execution.run_of(name, notebooks.parameters(name))
     assert [row for row in verify.compare_run(name, folder) if not row.holds] == []
 
 

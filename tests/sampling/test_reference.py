@@ -11,7 +11,7 @@ from helpers import SIGMAS, WEAK, a_world, anchors, window
 from scipy import integrate, stats
 
 from sngr_utils.sampling.modes import find_modes, laplace_draws, ring_starts
-from sngr_utils.sampling.reference import Reference, cells, landmark_reference, window_reference
+from sngr_utils.sampling.reference import Reference, landmark_reference, window_reference
 from sngr_utils.sampling.targets import ambiguous_window, landmark
 from sngr_utils.slam.factors import odometry_factor, pose_prior
 from sngr_utils.world import dead_reckoning
@@ -195,23 +195,6 @@ def test_what_is_kept_of_the_particles_stands_for_all():
     assert away < 5 * math.hypot(means[0][1], means[1][1]) + 0.01
     labels = (runs[0].samples[:, 0] > 0).astype(int)
     assert runs[0].mass_error(labels, 2) == runs[0].expectation(labels.astype(float))[1]
-
-
-# --- cells ----------------------------------------------------------------------------------
-
-
-def test_cells_share_the_mass_and_tell_a_missed_half():
-    reference = gaussian_reference([0.0, 0.0], np.eye(2))
-    parts = cells(reference.samples, reference.weights)
-    assert len(parts.masses) == 16
-    assert parts.masses.sum() == pytest.approx(1)
-    assert parts.masses.min() > 0.03
-    again = np.bincount(parts.index(reference.samples), reference.weights, minlength=16)
-    np.testing.assert_allclose(again, parts.masses)
-    draws, equal = np.random.default_rng(5).standard_normal((4000, 2)), np.full(4000, 1 / 4000)
-    assert parts.divergence(draws, equal) < 0.01
-    draws[:, 0] = abs(draws[:, 0])
-    assert parts.divergence(draws, equal) > 2
 
 
 # --- many starts ----------------------------------------------------------------------------
