@@ -67,10 +67,13 @@ def _why(args) -> int:
 
 def _bench(args) -> int:
     from sngr_utils.cost import Config
+    from sngr_utils.experiments import batch_bench
     from sngr_utils.publish import parameters
     from sngr_utils.show import cost
 
-    cost.print_bench(Config(**parameters.read_params("04_cost")))
+    config = Config(**parameters.read_params("04_cost"))
+    cost.print_bench(config)
+    batch_bench.print_all(config.chosen)
     return 0
 
 

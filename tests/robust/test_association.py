@@ -5,12 +5,12 @@ import tracemalloc
 from dataclasses import replace
 
 import gtsam
-import gtsam_estimates
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L, X
 from scipy import linalg, special, stats
 
+from sngr_utils.experiments import gtsam_estimates
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.robust import association, em, losses, louis_covariance, mutual_exclusion
 from sngr_utils.robust.association import Shares
@@ -681,15 +681,3 @@ def test_louis_covariance_needs_no_matrix_of_all_variables():
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 5 * peaks[0]
-
-
-@pytest.mark.parametrize("exclusive", [False, True])
-def test_em_is_that_of_gtsams_least_squares(exclusive):
-    """One world of half the poses, nothing random."""
-    drawn = simulation.simulate(scenario.Scenario(n_poses=15), 0.2, rng=np.random.default_rng(101))
-    given = drawn.log(C.x0_sigmas)
-    poses = dead_reckoning.dead_reckoning(given.x0_mean, given.odometry)
-    start = poses, landmark_starts.start_landmarks(given, poses, "grid")
-    ours = em.fit(given, C, start, exclusive=exclusive, clutter=False)
-    theirs, _ = gtsam_estimates.fit(drawn, C, start, exclusive)
-    assert np.abs(ours.poses - theirs)[:, :2].max() < 1e-4

@@ -1,10 +1,10 @@
 from dataclasses import replace
 
-import gtsam_estimates
 import numpy as np
 import pytest
 from scipy import stats
 
+from sngr_utils.experiments import gtsam_estimates
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.robust import losses
 from sngr_utils.slam import conventions, factors, landmark_starts, marginals, solution

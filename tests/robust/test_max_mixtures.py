@@ -1,9 +1,9 @@
 from dataclasses import replace
 
-import gtsam_estimates
 import numpy as np
 import pytest
 
+from sngr_utils.experiments import gtsam_estimates
 from sngr_utils.metrics import rmse_and_nees
 from sngr_utils.robust import losses, max_mixtures
 from sngr_utils.slam import conventions, landmark_starts, solution

@@ -3,11 +3,11 @@
 import warnings
 
 import gtsam
-import gtsam_estimates
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L, X
 
+from sngr_utils.experiments import gtsam_estimates
 from sngr_utils.robust import losses, switchable_constraints
 from sngr_utils.slam import (
     chain_cost,

@@ -1,6 +1,6 @@
 """What the batch estimates are by definition: GTSAM on the same factors, from the same start.
 
-For tests: what is compiled must give the same.
+For tests, and for the bench; nothing else is made of it.
 """
 
 import gtsam
