@@ -393,7 +393,7 @@ class Online:
         ours = rivals.rival(log, told, self._fit(log, (poses, belief.landmarks), 1.0))
         by_slips = settings.restart and settings.doubt_odometry
         others = rivals.against(log, told, ours.found, self._fit, by_slips)
-        before = self._likelier(ours, others)
+        before = self._likelier(ours, others + rivals.grown(log, told, self._fit))
         if settings.restart and settings.doubt_odometry:
             before, made = rivals.reconsidered(before, told, self._fit)
             others += made

@@ -21,6 +21,7 @@ from sngr_utils.slam import landmark_starts
 from sngr_utils.world.dead_reckoning import wrap_angle
 from sngr_utils.world.log import Log
 
+CIRCLES = 100  # of a scan, whose crossings are starts: all of ten ranges and ten landmarks
 HEADINGS = 48  # on the grid of a heading that is not known
 SINGLE, REFINED = 20, 4  # starts kept by the ranges of one scan, and by those of all
 NEAR = stats.chi2.ppf(0.99, 3)  # squared normalised error of a prediction that holds
@@ -103,9 +104,13 @@ def search(
 def _crossings(part: Stretch, mine: np.ndarray) -> np.ndarray:
     """(C, 2) places that have a range of a scan from one landmark, and another from another.
 
-    Without such a pair of circles, those of any two.
+    Without such a pair of circles, those of any two; of many circles the likeliest by the labels.
     """
     range_of, landmark_of = np.indices((len(mine), len(part.landmarks))).reshape(2, -1)
+    if len(range_of) > CIRCLES:
+        prior = part.log_prior[mine[range_of], landmark_of]
+        likeliest = np.sort(np.argsort(-prior, kind="stable")[:CIRCLES])
+        range_of, landmark_of = range_of[likeliest], landmark_of[likeliest]
     found = landmark_starts.crossings(part.landmarks[landmark_of], part.ranges[mine][range_of])
     pairs = np.array(np.tril_indices(len(range_of), -1))
     apart = np.ptp(range_of[pairs], axis=0) * np.ptp(landmark_of[pairs], axis=0) > 0

@@ -84,22 +84,19 @@ def blind(log: Log, fit: Fit, poses: np.ndarray, known: np.ndarray) -> SoftEstim
     return renamed(log, repaired(log, best, fit) if _wanting(best) else best, fit)
 
 
-def grown(log: Log, fit: Fit, known: np.ndarray) -> list[SoftEstimate]:
-    """EM from maps that grew from a short stretch, one by the labels if there are some, one not.
+def grown(log: Log, told: np.ndarray, fit: Fit) -> list[Rival]:
+    """EM from maps that grow from a short stretch, one by the labels if there are some, one not.
 
-    Parameters
-    ----------
-    known : (K, 2) landmarks after which those without labels are numbered
+    For a short log only: the work grows faster than it. They name landmarks as they please, so
+    that they say where a likelier estimate is, and not how many others there are.
     """
-    labelled, bare = naming.have_labels(log), growing_map.without_labels(log)
-    found = []
-    for part in [log, bare] if labelled else [bare]:
+    if log.n_poses > 2 * WINDOW or not len(log.ranges):
+        return []
+    bare, found = growing_map.without_labels(log), []
+    for part in [log, bare] if naming.have_labels(log) else [bare]:
         soft = growing_map.grow(part, growing_map.PER_LANDMARK, growing_map.GROWTH)
-        places = soft.landmarks
-        if part is bare:
-            places = naming.named(log, soft) if labelled else (
-                naming.numbered_like(log, places, known))  # fmt: skip
-        found.append(fit(log, (soft.poses, places), 1.0))
+        places = naming.named(log, soft) if part is bare else soft.landmarks
+        found.append(rival(log, told, fit(log, (soft.poses, places), 1.0)))
     return found
 
 
@@ -182,19 +179,14 @@ def against(
 ) -> list[Rival]:
     """Other estimates of a whole log: from nothing, and with fewer or other slips.
 
-    A log that is long gets those only whose work does not grow faster than it.
-
     Parameters
     ----------
     told : as `from_nothing` has it
-    by_slips : ask which step has slipped
+    by_slips : ask which step has slipped, if the log is short
     """
-    short = log.n_poses <= 2 * WINDOW
     found = [rival(log, told, renamed(log, ours, fit))]
     found += from_nothing(log, told, fit, ours.poses, ours.landmarks)
-    if short and len(log.ranges):
-        found += [rival(log, told, one) for one in grown(log, fit, ours.landmarks)]
-    if short and by_slips:
+    if by_slips and log.n_poses <= 2 * WINDOW:
         best = min(found, key=lambda one: one.cost)
         *slipped, plain = _with_and_without_slips(log, told)
         asked = slipped or diagnosis.may_have_slipped(best.log, best.found)

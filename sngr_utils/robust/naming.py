@@ -11,29 +11,16 @@ from sngr_utils.robust.em import SoftEstimate
 from sngr_utils.world.log import NO_LABEL, Log
 
 NAMED = np.log(99.0)  # nats by which every other name of a landmark is worse, if it has one
-FORBIDDEN = 1e9  # nats, or m
+FORBIDDEN = 1e9  # nats
 
 
 def named(log: Log, soft: SoftEstimate) -> np.ndarray:
     """(K, 2) landmarks in the order in which they agree best with labels; surveyed ones stay."""
-    return _in_best_order(log, soft.landmarks, -_agreeing(log, soft))
-
-
-def numbered_like(log: Log, landmarks: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(K, 2) landmarks in the order of (K, 2) others that lie near them; surveyed ones stay.
-
-    Where no range has a label, the order of landmarks says nothing.
-    """
-    apart = np.linalg.norm(landmarks[:, None] - others, axis=2)
-    return _in_best_order(log, landmarks, np.nan_to_num(apart, nan=FORBIDDEN))
-
-
-def _in_best_order(log: Log, landmarks: np.ndarray, costs: np.ndarray) -> np.ndarray:
-    """(K, 2) landmarks, so renumbered that (K, K) costs of each in each place are least."""
     free = np.flatnonzero(~np.isfinite(log.landmark_sigmas))
-    found, names = optimize.linear_sum_assignment(costs[np.ix_(free, free)])
-    landmarks = landmarks.copy()
-    landmarks[free] = landmarks[free[found[np.argsort(names)]]]
+    agreeing = _agreeing(log, soft)[np.ix_(free, free)]
+    found, names = optimize.linear_sum_assignment(agreeing, maximize=True)
+    landmarks = soft.landmarks.copy()
+    landmarks[free] = soft.landmarks[free[found[np.argsort(names)]]]
     return landmarks
 
 

@@ -157,3 +157,9 @@ def test_a_spoiled_store_of_rows_is_named_in_a_line(toy, capsys, monkeypatch, op
     assert said.startswith(f"error: {toy['rows']} is no store of rows")
     assert said.endswith("remove it\n")
     assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", studies.STUDIES)
+def test_a_committed_study_is_what_its_code_makes(name):
+    """Where the code behind it has changed; which of its cells are looked at is drawn anew."""
+    studies.check(name, rng=np.random.default_rng())
