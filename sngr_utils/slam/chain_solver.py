@@ -186,9 +186,11 @@ def state_of(chain: Chain, poses: np.ndarray, landmarks: np.ndarray) -> State:
     """
     poses = checks.finite("poses", poses, (len(chain.motions) + 1, 3))
     landmarks = checks.floats("landmarks", landmarks, chain.landmark_means.shape)
-    known = np.isfinite(landmarks).all(axis=1) | np.isnan(landmarks).all(axis=1)
-    checks.refuse(
-        "landmarks", landmarks, ~known, "it must be finite, or NaN for one that is absent"
-    )
+    finite = np.isfinite(landmarks)
+    if not finite.all():
+        known = finite.all(axis=1) | np.isnan(landmarks).all(axis=1)
+        checks.refuse(
+            "landmarks", landmarks, ~known, "it must be finite, or NaN for one that is absent"
+        )
     frames, calibration = information.frames_of(poses), chain.calibration_means.copy()
     return State(frames, landmarks, calibration, np.zeros(len(chain.ranges)))

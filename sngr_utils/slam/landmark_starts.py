@@ -189,13 +189,13 @@ def crossings(positions, distances):
     i = 0
     for a in range(n):
         for b in range(a):
-            dx, dy = positions[b] - positions[a]
+            dx, dy = positions[b, 0] - positions[a, 0], positions[b, 1] - positions[a, 1]
             base = max(math.sqrt(dx * dx + dy * dy), 1e-9)
             along = 0.5 * (base + (distances[a] ** 2 - distances[b] ** 2) / base)
             across = math.sqrt(max(distances[a] ** 2 - along**2, 0.0))
             x, y = positions[a, 0] + along * dx / base, positions[a, 1] + along * dy / base
-            found[i] = x - across * dy / base, y + across * dx / base
-            found[i + 1] = x + across * dy / base, y - across * dx / base
+            found[i, 0], found[i, 1] = x - across * dy / base, y + across * dx / base
+            found[i + 1, 0], found[i + 1, 1] = x + across * dy / base, y - across * dx / base
             i += 2
     return found
 
