@@ -4,28 +4,23 @@ The posterior of a range is then a sum over all matchings of its scan, a permane
 taken one after another, and all that a later one must know is which of the landmarks that it may
 have come from are taken: those are *open*. Time and memory grow with 2^(open landmarks), however
 many there are in all; ranges that share no plausible landmark, directly or through others, are
-never open together. The recursion and its kernels stand together: above 300 lines.
+never open together. Where too many are open, belief propagation stands in for the sum.
 """
 
 import math
-import warnings
 from typing import NamedTuple
 
 import numpy as np
 
 from sngr_utils.numerics.jit import compile_once
 
-MOST_OPEN, MANY = 14, 9  # landmarks at a time: at most, and of which the work is felt
+MOST_OPEN, MANY = 12, 9  # landmarks at a time: at most, and of which the work is felt
 
 LEAST = -50.0  # log weight, against a range's largest, below which all weights are alike
 
 PLAUSIBLE = 1e-16  # weight, against a range's largest, above which a pair is looked at first
 EXACT = 1e-14  # share of the matchings that may be overlooked, where no more must be
-DISPENSABLE = 1e-3  # weight up to which pairs are left out where too many landmarks are open
-
-
-class ExclusionWarning(UserWarning):
-    """Mutual exclusion has been given up for a scan."""
+ROUNDS, SETTLED = 200, 1e-4  # of messages: at most, and the change of all that ends them
 
 
 def exclusive_posterior(log_weights: np.ndarray, scan_of: np.ndarray | None = None) -> np.ndarray:
@@ -38,10 +33,7 @@ def exclusive_posterior(log_weights: np.ndarray, scan_of: np.ndarray | None = No
 
     Pairs of a range and a landmark that are not plausible are left out as long as all matchings
     with any of them weigh less than `EXACT` of the rest. Where more than `MOST_OPEN` landmarks
-    are open, the least plausible pairs are left out until they are not, but none that weighs
-    more than `DISPENSABLE` of its range's likeliest; where that does not help, the ranges of the
-    scan are treated each on its own, with a warning. With up to `MOST_OPEN` landmarks neither
-    can happen.
+    are open, as never with up to that many, see `_propagate` for what replaces the sum.
 
     Parameters
     ----------
@@ -49,18 +41,11 @@ def exclusive_posterior(log_weights: np.ndarray, scan_of: np.ndarray | None = No
         for what cannot be, but not all along a row
     scan_of : (N,) int, ascending, the scan of each range; None if all are of one
 
-    Warns
-    -----
-    ExclusionWarning : scans whose ranges are treated each on its own
-
     Source: the joint association events of Bar-Shalom, Fortmann, Tracking and Data Association,
     1988, chapter 9; permanents by subsets: Ryser, Combinatorial Mathematics, 1963; of sparse
     matrices: Cifuentes, Parrilo, Linear Algebra and its Applications 493, 2016.
     """
-    ends = ends_of(len(log_weights), scan_of)
-    found, too_many = matched(np.ascontiguousarray(log_weights), ends)
-    warn(too_many)
-    return found
+    return matched(np.ascontiguousarray(log_weights), ends_of(len(log_weights), scan_of))
 
 
 def ends_of(n: int, scan_of: np.ndarray | None) -> np.ndarray:
@@ -69,42 +54,29 @@ def ends_of(n: int, scan_of: np.ndarray | None) -> np.ndarray:
     return np.append(np.asarray(changes, dtype=np.int64), n)
 
 
-def warn(too_many: int) -> None:
-    """Say of how many scans the ranges were treated each on its own, if any."""
-    if too_many:
-        warnings.warn(
-            f"{too_many} scans have more than {MOST_OPEN} landmarks in question at a time: "
-            "no exclusion between their ranges", ExclusionWarning, stacklevel=3,
-        )  # fmt: skip
-
-
 @compile_once
 def matched(log_weights, ends):
-    """`exclusive_posterior` of scans whose rows end before `ends`; in how many it was given up."""
+    """`exclusive_posterior` of scans whose rows end before `ends`."""
     weights, found = np.zeros(log_weights.shape), np.empty(log_weights.shape)
     for i in range(len(weights)):
         largest = log_weights[i].max()
         for j in range(weights.shape[1]):
             if log_weights[i, j] > -math.inf:
                 weights[i, j] = math.exp(max(log_weights[i, j] - largest, LEAST))
-    start, too_many = 0, 0
+    start = 0
     for end in ends:
-        too_many += not _one_scan(weights[start:end], found[start:end])
+        _one_scan(weights[start:end], found[start:end])
         start = end
-    return found, too_many
+    return found
 
 
 @compile_once
 def _one_scan(weights, found):
-    """Fill the (n, K+1) posterior of one scan, from as few pairs as will do; False if in vain."""
+    """Fill the (n, K+1) posterior of one scan, from as few pairs as will do."""
     threshold, plan = PLAUSIBLE, _plan(weights, PLAUSIBLE)
-    while plan.n_open > MOST_OPEN and threshold < DISPENSABLE:
-        threshold *= 10.0
-        plan = _plan(weights, threshold)
     if plan.n_open > MOST_OPEN:
-        for i in range(len(weights)):
-            _share_out(weights[i], found[i])
-        return False
+        _propagate(weights, found)
+        return
     if plan.n_open >= MANY:  # all pairs at once, for the check often fails and doubles the work
         everything = _plan(weights, 0.0)
         if everything.n_open <= min(plan.n_open + 1, MOST_OPEN):
@@ -117,7 +89,64 @@ def _one_scan(weights, found):
     if log_total == -math.inf:
         weights[:, -1] = math.exp(LEAST)
         _matchings(weights, plan, found)
-    return True
+
+
+@compile_once
+def _propagate(weights, found):
+    """Fill the (n, K+1) marginals of all matchings, by belief propagation.
+
+    Between ranges and landmarks messages go round until none changes by more than `SETTLED` of
+    itself; what they settle at has no matching twice and sums over some of them too sharply. For
+    how many ranges go to landmarks, and how many landmarks to ranges, messages would agree but
+    slowly where hardly any is left over: so all are scaled alike, by one where they agree.
+
+    Source: Williams, Lau, IEEE Transactions on Aerospace and Electronic Systems 50(4), 2014.
+    """
+    n, k = weights.shape[0], weights.shape[1] - 1
+    free, wanted = np.ones((n, k)), np.empty((k, n))  # by others than the range or the landmark
+    shares, of_row, of_column = np.empty(k), np.empty(k), np.empty(n)
+    for i in range(n):
+        weights[i, k] = max(weights[i, k], math.exp(LEAST))
+    for _ in range(ROUNDS):
+        nowhere, unseen, change = max(k - n, 0.0), max(n - k, 0.0), 0.0
+        for i in range(n):
+            for j in range(k):
+                shares[j] = weights[i, j] * free[i, j]
+            nowhere += weights[i, k] / _of_others(shares, weights[i, k], of_row)
+            for j in range(k):
+                wanted[j, i] = weights[i, j] / of_row[j]
+        totals = np.empty(k)
+        for j in range(k):
+            totals[j] = 1.0 + wanted[j].sum()
+            unseen += 1.0 / totals[j]
+        scale = math.sqrt(nowhere / unseen)
+        for j in range(k):
+            _of_others(wanted[j], 1.0, of_column)
+            for i in range(n):
+                now = scale / of_column[i]
+                change = max(change, abs(now / free[i, j] - 1.0))
+                free[i, j] = now
+        if change < SETTLED:
+            break
+    for i in range(n):
+        for j in range(k):
+            found[i, j] = weights[i, j] * free[i, j]
+        found[i, k] = weights[i, k]
+        _share_out(found[i], found[i])
+
+
+@compile_once
+def _of_others(values, constant, sums):
+    """Sums of the constant and all (n,) values but one each, of positive terms; the sum of all."""
+    total = constant
+    for j in range(len(values)):
+        sums[j] = total
+        total += values[j]
+    later = 0.0
+    for j in range(len(values) - 1, -1, -1):
+        sums[j] += later
+        later += values[j]
+    return total
 
 
 class Plan(NamedTuple):
