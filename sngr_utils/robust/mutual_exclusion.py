@@ -14,13 +14,14 @@ import numpy as np
 
 from sngr_utils.numerics.jit import compile_once
 
-MOST_OPEN, MANY = 12, 9  # landmarks at a time: at most, and of which the work is felt
+MOST = 12 << 12  # landmarks times subsets of those open: all of twelve, ten open of forty
+MANY, TOO_MANY = 9, 64  # open landmarks whose work is felt, and what stands for more than `MOST`
 
 LEAST = -50.0  # log weight, against a range's largest, below which all weights are alike
 
 PLAUSIBLE = 1e-16  # weight, against a range's largest, above which a pair is looked at first
 EXACT = 1e-14  # share of the matchings that may be overlooked, where no more must be
-ROUNDS, SETTLED = 200, 1e-4  # of messages: at most, and the change of all that ends them
+ROUNDS, SETTLED = 100, 1e-3  # of messages: at most, and the change of all that ends them
 
 
 def exclusive_posterior(log_weights: np.ndarray, scan_of: np.ndarray | None = None) -> np.ndarray:
@@ -32,8 +33,8 @@ def exclusive_posterior(log_weights: np.ndarray, scan_of: np.ndarray | None = No
     only, do not underflow together.
 
     Pairs of a range and a landmark that are not plausible are left out as long as all matchings
-    with any of them weigh less than `EXACT` of the rest. Where more than `MOST_OPEN` landmarks
-    are open, as never with up to that many, see `_propagate` for what replaces the sum.
+    with any of them weigh less than `EXACT` of the rest. Where that is too much work, as it never
+    is with twelve landmarks, `_propagate` stands in for the sum.
 
     Parameters
     ----------
@@ -74,17 +75,17 @@ def matched(log_weights, ends):
 def _one_scan(weights, found):
     """Fill the (n, K+1) posterior of one scan, from as few pairs as will do."""
     threshold, plan = PLAUSIBLE, _plan(weights, PLAUSIBLE)
-    if plan.n_open > MOST_OPEN:
+    if plan.n_open == TOO_MANY:
         _propagate(weights, found)
         return
     if plan.n_open >= MANY:  # all pairs at once, for the check often fails and doubles the work
         everything = _plan(weights, 0.0)
-        if everything.n_open <= min(plan.n_open + 1, MOST_OPEN):
+        if everything.n_open <= plan.n_open + 1:
             threshold, plan = 0.0, everything
     log_total = _matchings(weights, plan, found)
     if log_total < _log_overlooked(weights, threshold) - math.log(EXACT):
         everything = _plan(weights, 0.0)
-        if everything.n_open <= MOST_OPEN:
+        if everything.n_open < TOO_MANY:
             plan, log_total = everything, _matchings(weights, everything, found)
     if log_total == -math.inf:
         weights[:, -1] = math.exp(LEAST)
@@ -156,8 +157,7 @@ class Plan(NamedTuple):
     order : (n,) int, rows, so chosen that few landmarks are open at a time
     bit : (K,) int, in a set of taken landmarks the bit of each; 0 if no two ranges share it
     kept : (n,) int, bits of the landmarks that are still open after each step
-    n_open : landmarks that are open at a time, at most; more than `MOST_OPEN` if the rest of the
-        plan is worth nothing
+    n_open : landmarks that are open at a time, at most; `TOO_MANY` if the plan is given up
     """
 
     allowed: np.ndarray
@@ -185,8 +185,8 @@ def _plan(weights, threshold):
                 place = 0
                 while taken >> place & 1:
                     place += 1
-                if place >= MOST_OPEN:
-                    return Plan(allowed, order, bit, kept, place + 1)
+                if k << place + 1 > MOST:
+                    return Plan(allowed, order, bit, kept, TOO_MANY)
                 bit[j], n_open = 1 << place, max(n_open, place + 1)
                 taken |= bit[j]
         for j in range(k):
