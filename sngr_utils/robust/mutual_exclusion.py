@@ -97,9 +97,10 @@ def _propagate(weights, found):
     """Fill the (n, K+1) marginals of all matchings, by belief propagation.
 
     Between ranges and landmarks messages go round until none changes by more than `SETTLED` of
-    itself; what they settle at has no matching twice and sums over some of them too sharply. For
-    how many ranges go to landmarks, and how many landmarks to ranges, messages would agree but
-    slowly where hardly any is left over: so all are scaled alike, by one where they agree.
+    itself, or `ROUNDS` times. They err the more the sparser the scan and the less likely "none":
+    by a tenth at e^-5; where it is all but impossible, they are sure of the likelier way of two.
+    How many ranges have a landmark, and how many landmarks a range, would then agree slowly: so
+    all messages are scaled alike, by one where they do.
 
     Source: Williams, Lau, IEEE Transactions on Aerospace and Electronic Systems 50(4), 2014.
     """
