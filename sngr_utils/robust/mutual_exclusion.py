@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sngr_utils.numerics.jit import compile_once
+from sngr_utils.robust.belief_propagation import propagate
 
 MOST = 12 << 12  # landmarks times subsets of those open: all of twelve, ten open of forty
 MANY, TOO_MANY = 9, 64  # open landmarks whose work is felt, and what stands for more than `MOST`
@@ -21,7 +22,6 @@ LEAST = -50.0  # log weight, against a range's largest, below which all weights 
 
 PLAUSIBLE = 1e-16  # weight, against a range's largest, above which a pair is looked at first
 EXACT = 1e-14  # share of the matchings that may be overlooked, where no more must be
-ROUNDS, SETTLED = 100, 1e-3  # of messages: at most, and the change of all that ends them
 
 
 def exclusive_posterior(log_weights: np.ndarray, scan_of: np.ndarray | None = None) -> np.ndarray:
@@ -34,7 +34,7 @@ def exclusive_posterior(log_weights: np.ndarray, scan_of: np.ndarray | None = No
 
     Pairs of a range and a landmark that are not plausible are left out as long as all matchings
     with any of them weigh less than `EXACT` of the rest. Where that is too much work, as it never
-    is with twelve landmarks, `_propagate` stands in for the sum.
+    is with twelve landmarks, `belief_propagation` stands in for the sum.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def _one_scan(weights, found):
     """Fill the (n, K+1) posterior of one scan, from as few pairs as will do."""
     threshold, plan = PLAUSIBLE, _plan(weights, PLAUSIBLE)
     if plan.n_open == TOO_MANY:
-        _propagate(weights, found)
+        propagate(weights, found)
         return
     if plan.n_open >= MANY:  # all pairs at once, for the check often fails and doubles the work
         everything = _plan(weights, 0.0)
@@ -90,65 +90,6 @@ def _one_scan(weights, found):
     if log_total == -math.inf:
         weights[:, -1] = math.exp(LEAST)
         _matchings(weights, plan, found)
-
-
-@compile_once
-def _propagate(weights, found):
-    """Fill the (n, K+1) marginals of all matchings, by belief propagation.
-
-    Between ranges and landmarks messages go round until none changes by more than `SETTLED` of
-    itself, or `ROUNDS` times. They err the more the sparser the scan and the less likely "none":
-    by a tenth at e^-5; where it is all but impossible, they are sure of the likelier way of two.
-    How many ranges have a landmark, and how many landmarks a range, would then agree slowly: so
-    all messages are scaled alike, by one where they do.
-
-    Source: Williams, Lau, IEEE Transactions on Aerospace and Electronic Systems 50(4), 2014.
-    """
-    n, k = weights.shape[0], weights.shape[1] - 1
-    free, wanted = np.ones((n, k)), np.empty((k, n))  # by others than the range or the landmark
-    shares, of_row, of_column = np.empty(k), np.empty(k), np.empty(n)
-    for i in range(n):
-        weights[i, k] = max(weights[i, k], math.exp(LEAST))
-    for _ in range(ROUNDS):
-        nowhere, unseen, change = max(k - n, 0.0), max(n - k, 0.0), 0.0
-        for i in range(n):
-            for j in range(k):
-                shares[j] = weights[i, j] * free[i, j]
-            nowhere += weights[i, k] / _of_others(shares, weights[i, k], of_row)
-            for j in range(k):
-                wanted[j, i] = weights[i, j] / of_row[j]
-        totals = np.empty(k)
-        for j in range(k):
-            totals[j] = 1.0 + wanted[j].sum()
-            unseen += 1.0 / totals[j]
-        scale = math.sqrt(nowhere / unseen)
-        for j in range(k):
-            _of_others(wanted[j], 1.0, of_column)
-            for i in range(n):
-                now = scale / of_column[i]
-                change = max(change, abs(now / free[i, j] - 1.0))
-                free[i, j] = now
-        if change < SETTLED:
-            break
-    for i in range(n):
-        for j in range(k):
-            found[i, j] = weights[i, j] * free[i, j]
-        found[i, k] = weights[i, k]
-        _share_out(found[i], found[i])
-
-
-@compile_once
-def _of_others(values, constant, sums):
-    """Sums of the constant and all (n,) values but one each, of positive terms; the sum of all."""
-    total = constant
-    for j in range(len(values)):
-        sums[j] = total
-        total += values[j]
-    later = 0.0
-    for j in range(len(values) - 1, -1, -1):
-        sums[j] += later
-        later += values[j]
-    return total
 
 
 class Plan(NamedTuple):

@@ -13,7 +13,14 @@ from scipy import linalg, special, stats
 
 from sngr_utils.experiments import gtsam_estimates
 from sngr_utils.metrics import rmse_and_nees
-from sngr_utils.robust import association, em, losses, louis_covariance, mutual_exclusion
+from sngr_utils.robust import (
+    association,
+    belief_propagation,
+    em,
+    losses,
+    louis_covariance,
+    mutual_exclusion,
+)
 from sngr_utils.robust.association import Shares
 from sngr_utils.slam import (
     chain_problem,
@@ -180,7 +187,7 @@ def propagated(logs):
     relative = logs - logs.max(axis=1, keepdims=True)
     weights = np.exp(np.maximum(relative, mutual_exclusion.LEAST)) * ~np.isneginf(relative)
     found = np.empty(weights.shape)
-    mutual_exclusion._propagate(weights, found)
+    belief_propagation.propagate(weights, found)
     return found
 
 
