@@ -119,9 +119,7 @@ def responsibilities(
     places = np.ascontiguousarray(poses), np.ascontiguousarray(landmarks)
     at = *places, _calibration(log, calibration)
     numbers = (float(number) for number in (*shares, width))  # of one type, compiled once
-    found, too_many = sources(model_of(log, exclusive), *at, *numbers)
-    mutual_exclusion.warn(too_many)
-    return found
+    return sources(model_of(log, exclusive), *at, *numbers)
 
 
 class Model(NamedTuple):
@@ -155,7 +153,7 @@ def model_of(log: Log, exclusive: bool) -> Model:
 
 @compile_once
 def sources(model, poses, landmarks, calibration, wrong, clutter, width):
-    """`responsibilities`, and in how many scans exclusion was given up."""
+    """`responsibilities`."""
     found = _residuals(model.pose_of, model.ranges, poses, landmarks, calibration)
     variances = np.empty(found.shape)
     for m in range(len(found)):
@@ -163,7 +161,7 @@ def sources(model, poses, landmarks, calibration, wrong, clutter, width):
     joint = _log_joint(model.meant, found, variances, wrong, clutter, model.longest)
     if len(model.ends):
         return mutual_exclusion.matched(joint, model.ends)
-    return posterior(joint), 0
+    return posterior(joint)
 
 
 def residuals(

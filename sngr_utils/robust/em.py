@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from sngr_utils.numerics.jit import compile_once
-from sngr_utils.robust import louis_covariance, mutual_exclusion
+from sngr_utils.robust import louis_covariance
 from sngr_utils.robust.association import (
     JEFFREYS,
     NEGLIGIBLE,
@@ -154,23 +154,20 @@ def fit(
     chain = chain_problem.of_log(log, start[1], conventions.landmark_prior_sigma)
     first = RARE[0] / sum(RARE) if clutter else 0.0
     still = SETTLED * np.median(log.range_sigmas) if len(log.ranges) else 0.0
-    at, weights, *shares, given_up = _alternate(
+    at, weights, *shares = _alternate(
         chain, model_of(log, exclusive), chain_solver.state_of(chain, *start), first, widest, still
     )
-    mutual_exclusion.warn(given_up)
     poses = information.poses_of(at.frames)
     return SoftEstimate(poses, at.landmarks, at.calibration, weights, Shares(*shares), chain)
 
 
 @compile_once
 def _alternate(chain, model, at, clutter, width, still):
-    """`fit`: the estimate, the sources of the ranges, the shares, and scans without exclusion."""
+    """`fit`: the estimate, the sources of the ranges, and the shares."""
     wrong = JEFFREYS[0] / (JEFFREYS[0] + JEFFREYS[1])
     for n in range(ITERATIONS):
         before = at.frames.copy()
-        weights, given_up = sources(
-            model, at.frames, at.landmarks, at.calibration, wrong, clutter, width
-        )
+        weights = sources(model, at.frames, at.landmarks, at.calibration, wrong, clutter, width)
         wrong, clutter = updated(model, weights, at.landmarks, wrong, clutter, JEFFREYS)
         problem = chain_problem.weighted(chain, weights, width, NEGLIGIBLE)
         residuals = np.empty(len(problem.ranges))
@@ -180,4 +177,4 @@ def _alternate(chain, model, at, clutter, width, still):
         if n == ITERATIONS - 1 or (width == 1.0 and moved <= still):
             break
         width = max(1.0, COOLING * width)
-    return at, weights, wrong, clutter, given_up
+    return at, weights, wrong, clutter

@@ -4,28 +4,24 @@ The posterior of a range is then a sum over all matchings of its scan, a permane
 taken one after another, and all that a later one must know is which of the landmarks that it may
 have come from are taken: those are *open*. Time and memory grow with 2^(open landmarks), however
 many there are in all; ranges that share no plausible landmark, directly or through others, are
-never open together. The recursion and its kernels stand together: above 300 lines.
+never open together. Where too many are open, belief propagation stands in for the sum.
 """
 
 import math
-import warnings
 from typing import NamedTuple
 
 import numpy as np
 
 from sngr_utils.numerics.jit import compile_once
+from sngr_utils.robust.belief_propagation import propagate
 
-MOST_OPEN, MANY = 14, 9  # landmarks at a time: at most, and of which the work is felt
+MOST = 12 << 12  # landmarks times subsets of those open: all of twelve, ten open of forty
+MANY, TOO_MANY = 9, 64  # open landmarks whose work is felt, and what stands for more than `MOST`
 
 LEAST = -50.0  # log weight, against a range's largest, below which all weights are alike
 
 PLAUSIBLE = 1e-16  # weight, against a range's largest, above which a pair is looked at first
 EXACT = 1e-14  # share of the matchings that may be overlooked, where no more must be
-DISPENSABLE = 1e-3  # weight up to which pairs are left out where too many landmarks are open
-
-
-class ExclusionWarning(UserWarning):
-    """Mutual exclusion has been given up for a scan."""
 
 
 def exclusive_posterior(log_weights: np.ndarray, scan_of: np.ndarray | None = None) -> np.ndarray:
@@ -37,11 +33,8 @@ def exclusive_posterior(log_weights: np.ndarray, scan_of: np.ndarray | None = No
     only, do not underflow together.
 
     Pairs of a range and a landmark that are not plausible are left out as long as all matchings
-    with any of them weigh less than `EXACT` of the rest. Where more than `MOST_OPEN` landmarks
-    are open, the least plausible pairs are left out until they are not, but none that weighs
-    more than `DISPENSABLE` of its range's likeliest; where that does not help, the ranges of the
-    scan are treated each on its own, with a warning. With up to `MOST_OPEN` landmarks neither
-    can happen.
+    with any of them weigh less than `EXACT` of the rest. Where that is too much work, as it never
+    is with twelve landmarks, `belief_propagation` stands in for the sum.
 
     Parameters
     ----------
@@ -49,18 +42,11 @@ def exclusive_posterior(log_weights: np.ndarray, scan_of: np.ndarray | None = No
         for what cannot be, but not all along a row
     scan_of : (N,) int, ascending, the scan of each range; None if all are of one
 
-    Warns
-    -----
-    ExclusionWarning : scans whose ranges are treated each on its own
-
     Source: the joint association events of Bar-Shalom, Fortmann, Tracking and Data Association,
     1988, chapter 9; permanents by subsets: Ryser, Combinatorial Mathematics, 1963; of sparse
     matrices: Cifuentes, Parrilo, Linear Algebra and its Applications 493, 2016.
     """
-    ends = ends_of(len(log_weights), scan_of)
-    found, too_many = matched(np.ascontiguousarray(log_weights), ends)
-    warn(too_many)
-    return found
+    return matched(np.ascontiguousarray(log_weights), ends_of(len(log_weights), scan_of))
 
 
 def ends_of(n: int, scan_of: np.ndarray | None) -> np.ndarray:
@@ -69,55 +55,41 @@ def ends_of(n: int, scan_of: np.ndarray | None) -> np.ndarray:
     return np.append(np.asarray(changes, dtype=np.int64), n)
 
 
-def warn(too_many: int) -> None:
-    """Say of how many scans the ranges were treated each on its own, if any."""
-    if too_many:
-        warnings.warn(
-            f"{too_many} scans have more than {MOST_OPEN} landmarks in question at a time: "
-            "no exclusion between their ranges", ExclusionWarning, stacklevel=3,
-        )  # fmt: skip
-
-
 @compile_once
 def matched(log_weights, ends):
-    """`exclusive_posterior` of scans whose rows end before `ends`; in how many it was given up."""
+    """`exclusive_posterior` of scans whose rows end before `ends`."""
     weights, found = np.zeros(log_weights.shape), np.empty(log_weights.shape)
     for i in range(len(weights)):
         largest = log_weights[i].max()
         for j in range(weights.shape[1]):
             if log_weights[i, j] > -math.inf:
                 weights[i, j] = math.exp(max(log_weights[i, j] - largest, LEAST))
-    start, too_many = 0, 0
+    start = 0
     for end in ends:
-        too_many += not _one_scan(weights[start:end], found[start:end])
+        _one_scan(weights[start:end], found[start:end])
         start = end
-    return found, too_many
+    return found
 
 
 @compile_once
 def _one_scan(weights, found):
-    """Fill the (n, K+1) posterior of one scan, from as few pairs as will do; False if in vain."""
+    """Fill the (n, K+1) posterior of one scan, from as few pairs as will do."""
     threshold, plan = PLAUSIBLE, _plan(weights, PLAUSIBLE)
-    while plan.n_open > MOST_OPEN and threshold < DISPENSABLE:
-        threshold *= 10.0
-        plan = _plan(weights, threshold)
-    if plan.n_open > MOST_OPEN:
-        for i in range(len(weights)):
-            _share_out(weights[i], found[i])
-        return False
+    if plan.n_open == TOO_MANY:
+        propagate(weights, found)
+        return
     if plan.n_open >= MANY:  # all pairs at once, for the check often fails and doubles the work
         everything = _plan(weights, 0.0)
-        if everything.n_open <= min(plan.n_open + 1, MOST_OPEN):
+        if everything.n_open <= plan.n_open + 1:
             threshold, plan = 0.0, everything
     log_total = _matchings(weights, plan, found)
     if log_total < _log_overlooked(weights, threshold) - math.log(EXACT):
         everything = _plan(weights, 0.0)
-        if everything.n_open <= MOST_OPEN:
+        if everything.n_open < TOO_MANY:
             plan, log_total = everything, _matchings(weights, everything, found)
     if log_total == -math.inf:
         weights[:, -1] = math.exp(LEAST)
         _matchings(weights, plan, found)
-    return True
 
 
 class Plan(NamedTuple):
@@ -127,8 +99,7 @@ class Plan(NamedTuple):
     order : (n,) int, rows, so chosen that few landmarks are open at a time
     bit : (K,) int, in a set of taken landmarks the bit of each; 0 if no two ranges share it
     kept : (n,) int, bits of the landmarks that are still open after each step
-    n_open : landmarks that are open at a time, at most; more than `MOST_OPEN` if the rest of the
-        plan is worth nothing
+    n_open : landmarks that are open at a time, at most; `TOO_MANY` if the plan is given up
     """
 
     allowed: np.ndarray
@@ -156,8 +127,8 @@ def _plan(weights, threshold):
                 place = 0
                 while taken >> place & 1:
                     place += 1
-                if place >= MOST_OPEN:
-                    return Plan(allowed, order, bit, kept, place + 1)
+                if k << place + 1 > MOST:
+                    return Plan(allowed, order, bit, kept, TOO_MANY)
                 bit[j], n_open = 1 << place, max(n_open, place + 1)
                 taken |= bit[j]
         for j in range(k):
