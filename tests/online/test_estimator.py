@@ -354,10 +354,11 @@ def test_fifteen_landmarks_and_a_scan_with_one_measured_twice_are_ordinary():
 
 
 @pytest.mark.parametrize("exclusive", [True, False])
-def test_four_ranges_of_each_landmark_in_every_scan_need_the_option_that_allows_it(exclusive):
+@pytest.mark.parametrize("n", [2, 4])
+def test_ranges_of_each_landmark_in_every_scan_need_the_option_that_allows_them(exclusive, n):
     """With it the map is found; without it the warning names it, and the result doubts itself."""
     drawn = make(0.0).first(12)
-    often = drawn.keep(np.repeat(np.arange(len(drawn.ranges)), 4))
+    often = drawn.keep(np.repeat(np.arange(len(drawn.ranges)), n))
     log = often.log(C.x0_sigmas)
     settings = estimator.Settings(exclusive=exclusive)
     with warnings.catch_warnings(record=True) as caught:
@@ -367,6 +368,39 @@ def test_four_ranges_of_each_landmark_in_every_scan_need_the_option_that_allows_
     assert found.diagnosis.doubtful == exclusive
     if not exclusive:
         assert np.mean(found.used == often.source_of) > 0.95
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 5])
+def test_an_offset_that_no_data_hold_is_left_open(n):
+    log = replace(make(0.0).log(C.x0_sigmas), offset=(0.0, np.inf)).first(n)
+    found = estimator.run(log, C, WHOLE, rng=np.random.default_rng(0))
+    assert np.isfinite(found.poses).all()
+
+
+def test_two_steps_that_moved_and_turned_are_both_found():
+    """As likely as from the truth; what is odd at first is which steps, and that they turned."""
+    rng = np.random.default_rng(400)
+    drawn = simulation.simulate(scenario.Scenario(n_poses=60), 0.2, rng=rng)
+    odometry = drawn.odometry.copy()
+    odometry[[17, 39]] += [1.2, -1.6, 0.3]
+    log = replace(drawn, odometry=odometry).log(C.x0_sigmas)
+    found = estimator.run(log, C, WHOLE, rng=np.random.default_rng(0))
+    slipped = np.isin(np.arange(59), [17, 39])
+    at_truth = every_world.informed_em(log, slipped, C, (drawn.poses, drawn.landmarks))
+    assert found.cost < at_truth.cost + 1
+    assert found.counts["slips"] == 2
+
+
+def test_a_landmark_that_half_of_the_way_is_behind_a_wall_is_where_it_was():
+    """A wall makes the ranges of one landmark .7 m long, half of the way: as from the truth."""
+    rng = np.random.default_rng(316)
+    drawn = simulation.simulate(scenario.Scenario(n_poses=40), 0.0, rng=rng)
+    behind = (drawn.source_of == 0) & (drawn.pose_of > 12) & (drawn.pose_of < 30)
+    log = replace(drawn, ranges=drawn.ranges + 0.7 * behind).log(C.x0_sigmas)
+    found = estimator.run(log, C, WHOLE, rng=np.random.default_rng(0))
+    none = np.zeros(39, dtype=bool)
+    at_truth = every_world.informed_em(log, none, C, (drawn.poses, drawn.landmarks))
+    assert found.cost < at_truth.cost + 1
 
 
 # --- any log --------------------------------------------------------------------------------

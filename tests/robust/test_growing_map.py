@@ -68,6 +68,16 @@ def test_each_reason_to_doubt_is_said(right):
     assert "landmarks [1] have hardly" in growing_map._doubts(log, lost, [0.0, 0.0], sound)[0]
 
 
+@pytest.mark.parametrize("run", [True, False])
+def test_wrong_labels_in_a_run_of_poses_may_be_a_slip_that_nobody_asked_about(run):
+    """All of six poses, against as many all over the way."""
+    world, log = a_log(0.0)
+    some = log.pose_of // 6 == 3 if run else np.arange(len(log.ranges)) % 7 == 0
+    wrong = np.where(some, (world.source_of + 1) % 3, world.source_of)
+    doubts = growing_map.estimate(replace(log, label_of=wrong)).doubts
+    assert any("wrong labels" in doubt for doubt in doubts) == run
+
+
 def test_a_straight_road_has_another_side():
     """Odometry that does not err leaves the mirror image exactly as likely."""
     world, _ = kinds_of_worlds.draw("straight", 0.0, 100)
