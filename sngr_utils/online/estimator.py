@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sngr_utils.online import calibration, data_association, rivals, slips
+from sngr_utils.online import calibration, data_association, other_sources, rivals, slips
 from sngr_utils.online.belief import LOOSE, PRIOR, WINDOW, Belief, cost
 from sngr_utils.online.data_association import DROPPED
 from sngr_utils.online.landmarks import (
@@ -401,6 +401,13 @@ class Online:
         best = self._likelier(before, sides)
         turned = belief.counts["landmarks turned over"]
         self._adopt(best.log, told, best.found)
+        others += other_sources.with_another_source(
+            belief, best, told, self._fit, settings.exclusive
+        )
+        last = self._likelier(best, others)
+        if last is not best:
+            best, turned = last, belief.counts["landmarks turned over"]
+            self._adopt(best.log, told, best.found)
         for one in (before, *sides):
             if one.cost < best.cost + diagnosis.LEAST_RIVAL:
                 belief.in_doubt |= mirrors.elsewhere(best.found, one.found)
