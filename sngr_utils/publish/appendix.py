@@ -26,7 +26,7 @@ def latex_text(rows: list[Row], results: dict[str, dict], clocks: set[str]) -> s
     told = [row for row in rows if row.verdict not in (rules.FOLLOWS, rules.CANNOT)]
     minutes, parts, by_notebook = verified.minutes(), [], attrgetter("notebook")
     for notebook, group in groupby(sorted(told, key=by_notebook), by_notebook):
-        took = f"about {minutes[notebook]:.0f} minutes" if notebook in minutes else "not timed"
+        took = f"{60 * minutes[notebook]:.0f} s" if notebook in minutes else "not timed"
         name = notebook.translate(latex.LATEX_CELL)
         parts.append(f"\\paragraph{{{name}}}\\texttt{{make run/{name}}}, {took}.\\par\n")
         lines = [_line(row, entries[row.entry], results, clocks) for row in group]

@@ -47,7 +47,7 @@ def shown_value(entry: dict, space: str = " ") -> str:
     shown = text(entry["value"], entry["format"])
     if entry["value"] is None:
         return shown
-    if entry.get("standard_error") is not None:
+    if entry.get("standard_error"):  # none, or 0 where all worlds agree
         shown += f" ± {text(entry['standard_error'], entry['format'])}"
     return shown + (space + entry["unit"] if entry["unit"] else "")
 

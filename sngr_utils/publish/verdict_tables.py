@@ -72,14 +72,14 @@ def result(verdicts: Verdicts) -> dict:
         values[f"claims.controls.{name}.rows"] = _count(line["rows"])
         values[f"claims.controls.{name}.pass"] = _count(line["pass"], _fmt(line["pass"]))
     tables = {
-        "claims_headline": _table(headline(verdicts.rows), "p{55mm}p{22mm}p{24mm}lll"),
+        "claims_headline": _table(headline(verdicts.rows), "P{55mm}P{22mm}P{24mm}lll"),
         "claims_summary": _table(summary(verdicts.rows)),
         "claims_controls": _table(control_table(verdicts.controls)),
-        "claims_groups": _table(groups(verdicts.read), "llp{48mm}p{48mm}rl"),
+        "claims_groups": _table(groups(verdicts.read), "llP{48mm}P{48mm}rl"),
         "claims_prose": _table(prose(verdicts.read), "lllll"),
     }
     if authors.digits().exists():  # else the paper names what it misses
-        tables["claims_authors"] = _table(by_authors(verdicts.read), "lp{80mm}ll")
+        tables["claims_authors"] = _table(by_authors(verdicts.read), "lP{80mm}ll")
         values |= _of_authors()
     return {"notebook": "claims", "values": values, "tables": tables}
 
@@ -224,7 +224,7 @@ def every(rows: list[Row]) -> pd.DataFrame:
 def whole(rows: list[Row]) -> str:
     """LaTeX: every claim with its verdict, as one table that goes on from page to page."""
     table = every(rows)
-    text = latex.latex_table(_table(table, "lllllllp{42mm}l"))
+    text = latex.latex_table(_table(table, "lllllllP{42mm}l"))
     head, body = text.replace("{tabular}", "{longtable}").split("\\midrule\n")
     begin, head = head.split("\n", 1)
     caption = (

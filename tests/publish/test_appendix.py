@@ -26,7 +26,7 @@ def test_each_claim_that_can_be_checked_has_its_line(rows, reference, monkeypatc
     told = [line[0] for line in lines_of(text) if line[0] != "claim"]
     expected = [row.id for row in rows if row.verdict not in ("follows", "cannot hold")]
     assert sorted(told) == sorted(expected)
-    assert r"\texttt{make run/05\_audit}, about 3 minutes." in text
+    assert r"\texttt{make run/05\_audit}, 192 s." in text
     assert r"\texttt{make run/04\_cost}, not timed." in text
     clocks = {line[0]: line[3] for line in lines_of(text)}
     assert clocks["window-dear"] == appendix.CLOCK
