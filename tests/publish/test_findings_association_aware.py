@@ -182,52 +182,47 @@ def test_slips():
     assert (round(between.low, 2), round(between.high, 2)) == (0.72, 1.03)
 
 
-def test_in_worlds_of_other_kinds_the_middle_one_is_at_the_oracle_but_where_something_is_hidden():
+def test_in_worlds_of_other_kinds_the_middle_one_is_near_the_oracle_but_where_something_is_hidden():
+    """Near: within a tenth."""
     rows = studies.committed("every_world")
     settings = rows.groupby(["kind", "preset", "p"])
     assert settings.size().tolist() == 40 * [30]
-    for (kind, preset, p), group in settings:
-        if kind in kinds_of_worlds.MISLED:
-            continue
-        assert interval(group["final"])["low"] < 1.05, (kind, preset, p)
-        most = 1.09 if kind in ("odometry 2", "clutter replaced 20 %") else 1.05
-        assert group["final"].median() < most, (kind, preset, p)
-    medians = rows.groupby("kind")["final"].median()
-    assert medians[list(kinds_of_worlds.MISLED)].min() > 2
+    medians = settings["final"].median()
+    hidden = medians.index.get_level_values("kind").isin(kinds_of_worlds.MISLED)
+    assert medians[~hidden].max() < 1.1
+    assert medians[hidden].min() > 1.5
 
 
-def test_on_a_straight_road_odds_do_not_tell_sides_and_the_mean_over_them_is_nearer():
+def test_on_a_straight_road_odds_do_not_tell_sides_and_the_mean_over_them_is_as_near():
     """A number for each world: both levels of p are looks at the same ones."""
     rows = studies.committed("every_world")
     roads = rows[rows["kind"] == "straight"]
-    assert roads["sides"].between(60, 63).all()
+    assert roads["sides"].between(55, 63).all()
     assert value("worlds.straight.gain") < mirrors.DECIDED  # what odds must reach to decide
     likelier = roads.groupby("seed")["sides_likelier"].mean()
-    assert 0.4 <= likelier.mean() < 0.5
+    assert 0.45 <= likelier.mean() < 0.5
     assert abs(likelier.mean() - 0.5) < 3 * likelier.sem()
     change = np.log(roads["final"] / roads["at_mode"]).groupby(roads["seed"]).mean()
     less, more, p_value = summaries.sign_test(change)
-    assert (less, more) == (22, 8)
-    assert p_value < 0.05
+    assert (less, more) == (17, 13)  # no difference beyond chance
+    assert p_value > 0.05
     assert (roads["known"] == 0).all()
 
 
-def test_one_in_fourteen_is_lost_most_of_them_misled_and_nearly_all_of_those_doubt_themselves():
+def test_eight_in_a_hundred_are_lost_half_of_them_misled_and_all_but_one_of_those_doubt_themselves():
     n, lost, found, others, missed = (
         value(f"worlds.{key}")
         for key in ("n", "lost", "lost_doubted", "others_doubted", "lost_by_search")
     )
-    assert 1 / 14.5 < lost / n < 1 / 13.5
-    assert found > 0.5 * lost
+    assert 0.075 < lost / n < 0.085
     assert others < 0.02 * (n - lost)
     assert missed == 0
     rows = studies.committed("every_world")
+    assert not (rows[rows["final"] > every_world.LOST]["behind"] > 1).any()
     rest = rows[(rows["final"] > every_world.LOST) & ~rows["kind"].isin(kinds_of_worlds.MISLED)]
     misled = lost - len(rest)
-    assert 0.6 < misled / lost < 0.7
-    assert not (rows[rows["final"] > every_world.LOST]["behind"] > 1).any()
-    assert 0.87 < (found - rest["doubtful"].sum()) / misled < 0.93
-    assert 0.18 < rest["doubtful"].mean() < 0.22
+    assert 0.45 < misled / lost < 0.55
+    assert (rest["doubtful"].sum(), misled - found + 1) == (1, 1)
     assert 0.8 < (rest["at_truth"] > every_world.LOST).mean() < 0.86
     assert rows[rows["kind"] == "ranges 10 % long"]["doubtful"].all()
     assert (rest["preset"] == "B").mean() >= 0.45
@@ -240,8 +235,8 @@ def test_few_err_by_far_more_than_they_say_and_all_of_those_doubt_it():
     assert rows[rows["nees"] > OVERCONFIDENT]["doubtful"].all()
     lost = rows[rows["final"] > every_world.LOST]
     others = lost[lost["doubtful"] == 0]
-    assert (others["nees"] < 2.4).mean() > 0.8  # the asked interval's end
-    assert (lost[~lost["kind"].isin(kinds_of_worlds.MISLED)]["nees"] < 2.4).mean() > 0.5
+    assert (others["nees"] < 2.4).mean() > 0.9  # the asked interval's end
+    assert (lost[~lost["kind"].isin(kinds_of_worlds.MISLED)]["nees"] < 2.4).mean() > 0.9
 
 
 def test_of_all_constants_two_matter_and_both_where_odometry_slips():
