@@ -41,7 +41,7 @@ def test_where_all_is_heard_no_range_moves_the_path():
     run_unwarned(log, C, estimator.Settings(), watch, rng=np.random.default_rng(0))
     belief = asked[-1]
     ours = rivals.rival(
-        log, log.odometry_covariances, fit(log, (belief.poses, belief.landmarks), 1)
+        log, log.odometry_covariances, fit(log, (belief.poses, belief.landmarks), 1.0)
     )
     told = log.odometry_covariances
     assert other_sources.with_another_source(belief, ours, told, fit, True) == []

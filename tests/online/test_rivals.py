@@ -46,6 +46,29 @@ def test_a_landmark_that_is_absent_or_astray_is_found(drawn, best, lost):
     assert same(rivals.repaired(log, wanting, fit), best)
 
 
+def test_a_slip_that_was_none_is_trusted_again_and_one_of_its_neighbour_is_moved(drawn):
+    odometry = drawn.odometry.copy()
+    odometry[14] += [1.2, -1.6, 0.3]
+    for moved, true in ((drawn.odometry, []), (odometry, [14])):
+        log = replace(drawn, odometry=moved).log(C.x0_sigmas)
+        told, wide = log.odometry_covariances, rivals.distrusting(log, 15)
+        ours = rivals.rival(wide, told, fit(wide, (drawn.poses, drawn.landmarks), 1.0))
+        best, made = rivals.reconsidered(ours, told, fit)
+        assert rivals._slipped(best.log, told) == true
+        assert best.cost < min(one.cost for one in made) + rivals.BETTER < ours.cost + rivals.BETTER
+
+
+def test_a_map_that_grew_is_found_and_a_long_log_is_not_asked(drawn, best):
+    log = drawn.log(C.x0_sigmas)
+    labelled, bare = rivals.grown(log, log.odometry_covariances, fit)
+    assert same(labelled.found, best)
+    assert same(bare.found, best)
+    long = simulation.simulate(
+        scenario.Scenario(n_poses=121), 0.0, rng=np.random.default_rng(0)
+    ).log(C.x0_sigmas)
+    assert rivals.grown(long, long.odometry_covariances, fit) == []
+
+
 @pytest.mark.parametrize("step", [0, 1, 14, 27])
 def test_a_slip_at_any_step_is_found_from_nothing(step):
     """As likely as from the truth, in 30 poses: the longer part makes the map."""
