@@ -179,7 +179,7 @@ def test_slips():
     lost = {m: np.sum(worlds(f"online.slip.{m}.ratio") > 1.5) for m in (NAME, "trusting", BATCH)}
     assert lost[BATCH] == lost[NAME] == 0 < lost["trusting"]
     between = interval(ours / batch)
-    assert (round(between.low, 2), round(between.high, 2)) == (0.72, 1.03)
+    assert (round(between.low, 2), round(between.high, 2)) == (0.69, 0.97)
 
 
 def test_in_worlds_of_other_kinds_the_middle_one_is_near_the_oracle_but_where_something_is_hidden():
@@ -249,7 +249,7 @@ def test_of_all_constants_two_matter_and_both_where_odometry_slips():
     world = ["kind", "p", "seed"]
     base = rows[rows["constant"] == ""].set_index(world)["final"]
     changed = rows[rows["constant"] != ""].set_index(world)
-    assert (len(base), changed["constant"].nunique()) == (6, 64)
+    assert (len(base), changed["constant"].nunique()) == (6, 66)
     moved = changed[np.abs(np.log(changed["final"] / base.reindex(changed.index))) > 0.01]
     assert set(moved["constant"]) == {"belief.LOOSE", "belief.TURNED"}
     assert set(moved.index.get_level_values("kind")) == {"slip 5 m"}

@@ -54,7 +54,8 @@ def test_what_fails_is_doubted_and_of_what_is_sound_the_clutter_and_one_without_
         else:
             (reason,) = rows[also & (rows["kind"] == "shuffled")]["reasons"]
             assert also.sum() == 1
-            assert reason.startswith("another estimate is less likely by 1")
+            assert reason.startswith("another estimate is less likely by")
+            assert rows[also]["set"].item() == "Plaza1"
 
 
 def test_the_scale_is_near_that_of_the_gps_and_a_little_too_sure():
@@ -91,8 +92,9 @@ def test_online_ends_within_two_centimetres_of_batch():
 def test_while_driving_right_labels_gain_under_a_tenth():
     rows = DRIVEN[DRIVEN["p"] == 0.4]
     assert (rows["filtered_beside"] > 1.2 * rows["final"]).all()
-    assert len(rows) == 4
-    assert (rows["filtered_beside"] < 1.1 * rows["filtered_oracle"]).all()
+    assert len(rows) == 10
+    gains = rows["filtered_beside"] / rows["filtered_oracle"] - 1
+    assert (gains.groupby(rows["set"]).median() < 0.1).all()
 
 
 def test_with_missed_steps_open_batch_is_as_sure_as_it_should_be_and_online_nearly():
@@ -189,12 +191,11 @@ def test_nested_sampling_is_hardly_asked_and_adds_nothing():
     asked = DRIVEN[["landmark_samples", "position_samples"]].sum(axis=1)
     assert (asked[DRIVEN["p"] <= 0.4] == 0).all()
     hard = DRIVEN[DRIVEN["p"] == 0.6].groupby("set")
-    assert asked[(DRIVEN["p"] == 0.6) & (DRIVEN["set"] == "Plaza1")].item() == 9
-    assert asked.sum() == 9
+    assert 0 < asked.max() < 10  # of some two thousand poses and more
     assert entry("real_stretch", 7, 2) == 0  # on the stretch that the notebook drives
     provoked = ONLINE[(ONLINE["kind"] != "labels") & (ONLINE["method"] == "online")]
     few = provoked[["landmark_samples", "position_samples"]].sum(axis=1)
-    assert 0 < few.max() < 20
+    assert 0 < few.max() < 50
     without = ONLINE[ONLINE["method"] == "no nested sampling"].set_index("set")["final"]
     for name, rows in hard:
         assert abs(without[name] - rows["final"].iloc[0]) < 0.01
@@ -206,8 +207,7 @@ def test_online_finds_the_scale_and_doubts_lost_odometry():
     assert (of.loc["cut", "final"] > 5).all()
     assert (of.loc["stretched", "final"] < 0.25).all()
     assert of.loc["stretched", "scale"].between(1.25, 1.31).all()
-    first = ONLINE[ONLINE["set"] == "Plaza1"].set_index("kind")["doubtful"]
-    assert not first[["shuffled", "stretched"]].any()
+    assert not of.loc["stretched", "doubtful"].any()
     assert (of.loc["clutter", "final"] < 0.4).all()
 
 
@@ -247,9 +247,10 @@ def test_some_peers_are_lost_with_right_labels_and_truncated_squares_with_three_
         assert (rmse.loc[method].xs(0.0, level="p") > 9).all()
     assert min(rmse["em", "Plaza2", 0.0].min(), rmse.loc["dcs"].xs(0.0, level="p").min()) > 10
     squares, fast = rmse.loc["gnc_tls"], rmse.loc["gnc_tls_superlinear"]
-    assert (squares[squares.index.get_level_values("p") < 0.5] < 0.3).all()
-    assert (fast.xs(0.4, level="p") > 2).all()
-    assert (squares.xs(0.6, level="p") > 5).all()
+    for each in (squares, fast):
+        assert (each[each.index.get_level_values("p") < 0.5] < 0.3).all()
+    assert min(fast.xs(0.6, level="p").min(), squares["Plaza2", 0.6]) > 5
+    assert squares["Plaza1", 0.6] < 0.3
     assert (rmse.loc["em"].xs("Plaza1", level="set") < 0.2).all()
     assert (rmse["cauchy"].xs(0.0, level="p") < 0.25).all()  # not all that forget are lost there
     assert (rmse.loc["isam2"].xs(0.4, level="p") > 4).all()
