@@ -55,7 +55,8 @@ class Settings(Checked):
     exclusive : no two ranges of a scan come from the same landmark
     swap : a range may be assigned to another landmark than its label's, not only dropped
     sweep : earlier ranges are assigned anew at every step
-    restart : in trouble, EM over all data so far is tried, and adopted where it is likelier
+    restart : in trouble, EM over all data so far is tried, and adopted where it is likelier; at
+        the end other estimates of all data are
     doubt_odometry : a scan may overrule the odometry
     soft : what is read out at the end, estimate and covariance, admits that associations are
         uncertain; else those of the graph, which takes them for certain
@@ -129,6 +130,9 @@ def run(
     ----------
     watch : called with the belief after every step, e.g. to draw it
 
+    Warns
+    -----
+    DoubtWarning, LogWarning : see `Online.result`
     """
     online = Online(log.first(1), conventions, settings, rng=rng)
     for t in range(1, log.n_poses):
@@ -152,7 +156,7 @@ def _warn_of_repeats(log: Log) -> None:
             f"{beyond} of {len(log.ranges)} ranges are more than one for each landmark of a scan: "
             "if a landmark may be measured more than once in a scan, set exclusive=False",
             LogWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
 
 
@@ -394,7 +398,7 @@ class Online:
         by_slips = settings.restart and settings.doubt_odometry
         others = rivals.against(log, told, ours.found, self._fit, by_slips)
         before = self._likelier(ours, others + rivals.grown(log, told, self._fit))
-        if settings.restart and settings.doubt_odometry:
+        if by_slips:
             before, made = rivals.reconsidered(before, told, self._fit)
             others += made
         sides = rivals.on_other_sides(told, before, self._fit)
@@ -413,7 +417,9 @@ class Online:
                 belief.in_doubt |= mirrors.elsewhere(best.found, one.found)
         sure = ~belief.in_doubt
         different = [
-            one for one in (ours, *others, *sides) if mirrors.differ(best.found, one.found, sure)
+            one
+            for one in (ours, before, *others, *sides)
+            if mirrors.differ(best.found, one.found, sure)
         ]
         belief.counts["batch restarts"] += any(one is ours for one in different)
         gap = min((one.cost for one in different), default=np.inf) - best.cost

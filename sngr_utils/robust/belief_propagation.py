@@ -6,7 +6,7 @@ import numpy as np
 
 from sngr_utils.numerics.jit import compile_once
 
-LEAST = -50.0  # log weight that "none" has at least
+LEAST = -50.0  # log weight, against a range's largest: less counts as that, and "none" has it
 ROUNDS, SETTLED = 100, 1e-3  # of messages: at most, and the relative change that ends them
 
 

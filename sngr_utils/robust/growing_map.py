@@ -265,7 +265,7 @@ def _doubts(log: Log, soft: em.SoftEstimate, scores: list[float], told: Diagnosi
     if not _found_twice(scores):
         found.append(f"{len(scores)} searches have found {len(scores)} maps")
     run = diagnosis.worst_run(log, diagnosis.unlike_labels(log, soft))
-    if run < diagnosis.RARE:  # nobody has asked which
+    if run < diagnosis.RARE:  # no step is ever believed to have slipped here
         found.append(f"some poses have too many wrong labels (p {run:.0e}): has a step slipped?")
     lost = np.flatnonzero(starving(log, soft)).tolist()
     if lost:

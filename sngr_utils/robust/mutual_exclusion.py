@@ -13,12 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from sngr_utils.numerics.jit import compile_once
-from sngr_utils.robust.belief_propagation import propagate
+from sngr_utils.robust.belief_propagation import LEAST, propagate
 
 MOST = 12 << 12  # landmarks times subsets of those open: all of twelve, ten open of forty
 MANY, TOO_MANY = 9, 64  # open landmarks whose work is felt, and what stands for more than `MOST`
-
-LEAST = -50.0  # log weight, against a range's largest, below which all weights are alike
 
 PLAUSIBLE = 1e-16  # weight, against a range's largest, above which a pair is looked at first
 EXACT = 1e-14  # share of the matchings that may be overlooked, where no more must be
@@ -84,9 +82,11 @@ def _one_scan(weights, found):
             threshold, plan = 0.0, everything
     log_total = _matchings(weights, plan, found)
     if log_total < _log_overlooked(weights, threshold) - math.log(EXACT):
-        everything = _plan(weights, 0.0)
-        if everything.n_open < TOO_MANY:
-            plan, log_total = everything, _matchings(weights, everything, found)
+        plan = _plan(weights, 0.0)
+        if plan.n_open == TOO_MANY:
+            propagate(weights, found)
+            return
+        log_total = _matchings(weights, plan, found)
     if log_total == -math.inf:
         weights[:, -1] = math.exp(LEAST)
         _matchings(weights, plan, found)

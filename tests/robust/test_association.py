@@ -214,6 +214,16 @@ def test_propagation_errs_by_no_more_than_measured(k, n, sigma, none, largest, m
     assert np.median(errors) < median < np.median(alone) / 2
 
 
+@pytest.mark.parametrize("k", [12, 13, 40])
+def test_two_ranges_of_one_landmark_among_many_go_where_they_can(k):
+    """ "None" is far less likely than any other landmark: one of them is from another."""
+    logs = np.full((2, k + 1), -40.0)
+    logs[:, 0], logs[:, -1] = 0.0, -50.0
+    found = mutual_exclusion.exclusive_posterior(logs)
+    assert found[:, 0] == pytest.approx([0.5, 0.5], abs=1e-3)
+    assert (found[:, -1] < 1e-4).all()
+
+
 def test_propagation_of_two_swapped_ranges_is_sure_of_the_likelier_way():
     """Its known fault, where "none" is all but impossible: two ways, of three quarters and one."""
     logs = np.log(np.array([[3.0, 1.0, 1e-9], [1.0, 1.0, 1e-9]]))
