@@ -7,6 +7,7 @@ from helpers import handed_on, quick_config
 
 from sngr_utils import cost, full_sngr
 from sngr_utils.experiments import bench, refinement_cost
+from sngr_utils.metrics import standard_error
 from sngr_utils.publish import report
 from sngr_utils.show import cost as show
 
@@ -55,9 +56,12 @@ def test_three_ways_to_write_the_closure_agree(costs, tmp_path):
     to = report.Report("x", tmp_path)
     show.record(config, levels, closure, to)
     loop = handed_on(to)["closure.loop_over_window"]
-    batches = closure.seconds_loop.mean() / closure.seconds_window
     assert loop["value"] == closure.seconds_loop.mean() / closure.seconds_window.mean()
-    assert 0 < loop["standard_error"] < np.ptp(batches)
+    times = closure.seconds_loop, closure.seconds_window
+    error = np.hypot(*(standard_error.standard_error(each) / each.mean() for each in times))
+    assert loop["standard_error"] == pytest.approx(
+        loop["value"] * np.sinh(1.96 * error) / 1.96, rel=1e-6
+    )
     presets = cost.run_presets(config, levels)
     assert presets["C"] is levels
     table = show.cost_table(presets)
