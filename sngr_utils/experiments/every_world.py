@@ -28,6 +28,7 @@ from sngr_utils.world import dead_reckoning
 from sngr_utils.world.log import Log
 from sngr_utils.world.simulation import World
 
+ASTRAY = 1.0  # m, from its place: a landmark on the wrong side
 KNOWN_SLIP = 100.0  # m and rad, sigma that the oracle gives to a step that slipped
 LOST = 1.35  # times the oracle's error, above which a final estimate counts as lost
 PEERS = ("cauchy", "gnc_tls", "em_exclusive")
@@ -71,7 +72,7 @@ def rows(kind: str, preset: str, p: float, seed: int) -> list[dict]:
         "oracle_nees": consistency(best.poses, best.position_covariances),
         "behind": found.cost - at_truth.cost,
         **_sides(at_truth.found),
-        **_landmarks(world, found, best),
+        **_landmarks(world, conventions, found, best),
         "doubtful": int(found.diagnosis.doubtful),
         "reasons": "; ".join(found.diagnosis.reasons),
     }  # fmt: skip
@@ -101,12 +102,22 @@ def _peers(log: Log, conventions: Conventions) -> dict[str, np.ndarray]:
     }
 
 
-def _landmarks(world: World, found, best) -> dict:
-    """Of landmarks that are called known: their share, and their errors over the oracle's."""
+def _landmarks(world: World, conventions: Conventions, found, best) -> dict:
+    """Of landmarks that are called known: share, errors over the oracle's, NEES, wrong side."""
     known = ~found.in_doubt
     errors, theirs = (one.landmarks[known] - world.landmarks[known] for one in (found, best))
-    ratio = np.sqrt(np.sum(errors**2) / np.sum(theirs**2)) if known.any() else float("nan")
-    return {"known": float(known.mean()), "landmark_ratio": float(ratio)}
+    told = {"known": float(known.mean()), "astray": int((np.hypot(*errors.T) > ASTRAY).sum())}
+    if not known.any():
+        return {**told, "landmark_ratio": float("nan"), "landmark_nees": float("nan")}
+    turned = np.vstack([world.poses[0], np.pad(world.landmarks[known], ((0, 0), (0, 1)))])
+    moved = dead_reckoning.rigid_covariances(turned, conventions.x0_sigmas)[1:]
+    covariances = found.landmark_covariances[known]
+    expected = np.trace(np.linalg.solve(covariances, moved), axis1=1, axis2=2).mean()
+    return {
+        **told,
+        "landmark_ratio": float(np.sqrt(np.sum(errors**2) / np.sum(theirs**2))),
+        "landmark_nees": rmse_and_nees.nees(errors, covariances) + float(expected),
+    }
 
 
 def slipped(world: World, sound: World) -> np.ndarray:

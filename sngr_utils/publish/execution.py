@@ -135,7 +135,7 @@ def execute(name: str, params: dict[str, Any], folder: Path) -> float:
 
 @contextmanager
 def same_arithmetic() -> Iterator[None]:
-    """What is started meanwhile computes the same digits, whatever the user's variables say."""
+    """What is started meanwhile has linear algebra of one thread and of the machine's kernels."""
     theirs = dict(os.environ)
     for name in theirs:
         if name.startswith(ARITHMETIC):

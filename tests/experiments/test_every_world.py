@@ -38,6 +38,8 @@ def test_a_row_holds_numbers_of_a_sound_world():
     (row,) = every_world.rows("clutter added 5 %", "C", 0.0, 101)
     assert row["final"] < 1.1
     assert row["known"] == 1
+    assert row["astray"] == 0
+    assert 0.3 < row["landmark_nees"] < 6  # of six landmarks, two numbers each: 2 expected
     assert row["doubtful"] == 0
     assert row["em_exclusive"] == pytest.approx(row["final"], abs=0.05)
     assert row["cauchy"] > 1

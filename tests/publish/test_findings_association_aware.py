@@ -230,6 +230,14 @@ def test_eight_in_a_hundred_are_lost_half_of_them_misled_and_all_those_but_one_d
     assert rows[rows["preset"] == "B"]["oracle_nees"].mean() > 4
 
 
+def test_landmarks_that_are_called_known_err_as_they_say_and_are_on_their_side():
+    rows = studies.committed("every_world")
+    rows = rows[~rows["kind"].isin(kinds_of_worlds.MISLED)]
+    known = rows[rows["known"] > 0].groupby(["kind", "preset", "p"])
+    assert known["landmark_nees"].mean().between(1.6, 2.4).all()
+    assert (rows["astray"] == 0).all()
+
+
 def test_few_err_by_far_more_than_they_say_and_all_of_those_doubt_it():
     rows = studies.committed("every_world")
     assert 0 < value("worlds.overconfident") < 0.05 * value("worlds.n")
