@@ -16,8 +16,9 @@ from ruamel.yaml import YAML
 
 from sngr_utils import paths
 from sngr_utils.publish import claims, judge, links, notebooks, results
-from sngr_utils.publish.files import read_json, write_text
+from sngr_utils.publish.files import read_json
 from sngr_utils.publish.parameters import read_yaml
+from sngr_utils.whole_file import write_text
 
 ARCHIVE = paths.BUILD / "archive"
 TARBALL = "sngr-results.tar.gz"

@@ -15,9 +15,9 @@ import tempfile
 import zlib
 from pathlib import Path
 
-from sngr_utils import paths
+from sngr_utils import paths, whole_file
 from sngr_utils.publish import notebooks, run, verify
-from sngr_utils.publish.files import read_json, replace
+from sngr_utils.publish.files import read_json
 from sngr_utils.publish.freshness import inputs
 from sngr_utils.publish.notebooks import ProjectError
 from sngr_utils.publish.parameters import read_params
@@ -38,7 +38,7 @@ def main(tarball: Path) -> None:
         run.run_aside(name)
         compare(name, Path(folder))
         for file in sorted(files, key=is_stamp):  # results last: they say that all is there
-            replace(Path(folder, file), paths.ROOT / file)
+            whole_file.copy(Path(folder, file), paths.ROOT / file)
     print(f"{len(files)} files are published; {name} was executed and gives the same")
 
 

@@ -8,7 +8,6 @@ its cells again and fails if one differs.
 import hashlib
 import json
 import math
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from sngr_utils import paths
+from sngr_utils import paths, whole_file
 from sngr_utils.experiments import (
     authors_over_worlds,
     every_world,
@@ -119,10 +118,8 @@ def run(
     text = "\n".join(["{", *lines, f' "rows": [\n  {cells}\n ]', "}", ""])
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}.json"
-    with tempfile.TemporaryDirectory(prefix=".", dir=folder) as aside:  # others may be as far
-        whole = Path(aside, path.name)
-        whole.write_text(text)
-        return whole.replace(path)
+    whole_file.write_text(path, text)
+    return path
 
 
 def status(name: str, *, rows: Path = row_store.DEFAULT) -> tuple[int, int]:

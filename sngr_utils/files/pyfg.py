@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sngr_utils import whole_file
 from sngr_utils.files import graph
 from sngr_utils.files.recording import Recording, named
 from sngr_utils.files.text import Line, lines
@@ -115,7 +116,7 @@ def write(path: Path, log: Log, poses: np.ndarray, landmarks: np.ndarray) -> Non
         poses = checks.finite("poses", poses, (log.n_poses, 3))
         landmarks = checks.finite("landmarks", landmarks, (log.n_landmarks, 2))
     rows = _rows(log, poses, landmarks)
-    path.write_text("".join(" ".join(map(_shown, row)) + "\n" for row in rows))
+    whole_file.write_text(path, "".join(" ".join(map(_shown, row)) + "\n" for row in rows))
 
 
 def _rows(log: Log, poses: np.ndarray, landmarks: np.ndarray) -> Iterator[tuple]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sngr_utils import whole_file
 from sngr_utils.files.recording import Recording
 from sngr_utils.files.tables import CHANCE, COLUMNS, CORRELATIONS, FIXED
 from sngr_utils.files.text import LONGEST_LINE
@@ -30,8 +31,7 @@ def write(folder: Path, recording: Recording) -> None:
         if len(longest := max(text.split("\n"), key=len)) > LONGEST_LINE:
             raise ValueError(f"{path}: a line of {len(longest)} characters: too many landmarks")
     folder.mkdir(parents=True, exist_ok=True)
-    for path, text in texts.items():
-        path.write_text(text, encoding="utf-8")
+    whole_file.write_texts(texts)
 
 
 def _tables(recording: Recording) -> dict[str, tuple]:

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from sngr_utils import whole_file
+
 
 def write(path: Path, times: np.ndarray, poses: np.ndarray) -> None:
     """Write a trajectory of the plane; z and the first two of the quaternion are 0.
@@ -18,4 +20,5 @@ def write(path: Path, times: np.ndarray, poses: np.ndarray) -> None:
     table = np.column_stack(
         [times, poses[:, :2], zero, zero, zero, np.sin(half), np.cos(half)]
     )  # fmt: skip
-    path.write_text("".join(" ".join(repr(float(v)) for v in row) + "\n" for row in table))
+    lines = (" ".join(repr(float(v)) for v in row) + "\n" for row in table)
+    whole_file.write_text(path, "".join(lines))

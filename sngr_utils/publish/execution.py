@@ -18,9 +18,10 @@ from typing import Any
 
 from sngr_utils import paths
 from sngr_utils.publish import notebooks, quiet
-from sngr_utils.publish.files import read_json, write_json, write_text
+from sngr_utils.publish.files import read_json, write_json
 from sngr_utils.publish.freshness import STAMP, digest, file_digest, inputs, is_whole_run
 from sngr_utils.publish.notebooks import ProjectError
+from sngr_utils.whole_file import write_text
 
 UNTOUCHED = "published results are untouched"
 QUIET_KERNEL = ["--log-level=50"]  # no remarks about its transport or its end

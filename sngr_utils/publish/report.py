@@ -22,8 +22,9 @@ from ruamel.yaml import YAML
 from sngr_utils import paths
 from sngr_utils.metrics.standard_error import standard_error
 from sngr_utils.publish import cells
-from sngr_utils.publish.files import write_json, write_text
+from sngr_utils.publish.files import write_json
 from sngr_utils.publish.film import Film, player
+from sngr_utils.whole_file import write_text
 
 TIMING = "_timing"  # end of the name of a figure that shows wall clocks
 

@@ -6,9 +6,9 @@ import re
 from pathlib import Path
 from typing import Any
 
-from sngr_utils import paths
+from sngr_utils import paths, whole_file
 from sngr_utils.publish import claims, execution, links, notebooks
-from sngr_utils.publish.files import entries, read_json, replace, write_json, write_text
+from sngr_utils.publish.files import entries, read_json, write_json
 from sngr_utils.publish.freshness import MALFORMED, STAMP, digest, file_digest, is_fresh, relative
 from sngr_utils.publish.notebooks import ProjectError
 from sngr_utils.publish.parameters import read_params
@@ -67,7 +67,7 @@ def publish(name: str, run: Path) -> None:
     if clocks.exists():
         copies[paths.RESULTS / clocks.name] = clocks
     for target, source in copies.items():
-        replace(source, target)
+        whole_file.copy(source, target)
     for old in _drawn_before(name) - set(result["figures"]):
         (paths.FIGURES / old).unlink(missing_ok=True)
     files = {
@@ -170,4 +170,4 @@ def write_latex() -> None:
     for file, content in files.items():
         path = folder / file
         if not path.is_file() or path.read_bytes() != content.encode():
-            write_text(path, content)
+            whole_file.write_text(path, content)

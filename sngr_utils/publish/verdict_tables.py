@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from sngr_utils import paths
+from sngr_utils import paths, whole_file
 from sngr_utils.publish import (
     authors,
     authors_worlds,
@@ -290,4 +290,4 @@ def update_readme(verdicts: Verdicts) -> None:
     if BEGIN not in text or END not in text:
         raise ProjectError(f"README.md lacks the lines {BEGIN!r} and {END!r}")
     before, after = text.split(BEGIN)[0], text.split(END)[1]
-    paths.README.write_text(before + readme_block(verdicts) + after, encoding="utf-8")
+    whole_file.write_text(paths.README, before + readme_block(verdicts) + after)
