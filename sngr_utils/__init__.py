@@ -29,6 +29,7 @@ import what stands below it (``make lint`` checks that, see pyproject.toml):
 `publish`            from results to the PDF: reports, verdicts, LaTeX, the runner, `make verify`
 `metrics`            RMSE and NEES, precision and recall, intervals over worlds
 `settings` `paths`   parameter sets that check themselves; where the project keeps things
+`whole_file`         files that are written whole or not at all
 ===================  ===========================================================================
 """
 
