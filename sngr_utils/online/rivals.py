@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sngr_utils.online import relocalisation, slips
-from sngr_utils.online.belief import LOOSE, TURNED, WINDOW, cost
+from sngr_utils.online.belief import LOOSE, TURNED, WINDOW, cost, wider
 from sngr_utils.robust import diagnosis, em, growing_map, mirrors, naming
 from sngr_utils.robust.em import SoftEstimate
 from sngr_utils.slam import landmark_starts
@@ -147,7 +147,7 @@ def price_of_slips(log: Log, told: np.ndarray) -> float:
     range, and the ranges hold it as finely as one of them does.
     """
     wide = log.odometry_covariances != told
-    slipped, freed = wide.any(axis=(1, 2)).sum(), np.einsum("tii->ti", wide).sum()
+    slipped, freed = wider(log, told).sum(), np.einsum("tii->ti", wide).sum()
     if not slipped:
         return 0.0
     choice = np.log(log.ranges.max(initial=0.0) / np.median(log.range_sigmas))
@@ -172,7 +172,7 @@ def from_nothing(
 
 def _with_and_without_slips(log: Log, told: np.ndarray) -> list[Log]:
     """The log, and it without its slips if it has any."""
-    return [log, log.with_covariances(told)] if _slipped(log, told) else [log]
+    return [log, log.with_covariances(told)] if wider(log, told).any() else [log]
 
 
 def against(
@@ -249,7 +249,7 @@ def reconsidered(ours: Rival, told: np.ndarray, fit: Fit) -> tuple[Rival, list[R
 
 def _slipped(log: Log, told: np.ndarray) -> list[int]:
     """The steps of a log that are wider than told."""
-    return np.flatnonzero((log.odometry_covariances != told).any(axis=(1, 2))).tolist()
+    return np.flatnonzero(wider(log, told)).tolist()
 
 
 def _instead(log: Log, told: np.ndarray, step: int, other: int | None) -> Log:
