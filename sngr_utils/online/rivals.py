@@ -49,6 +49,20 @@ def cost_of(log: Log, found: SoftEstimate) -> float:
     return cost(log, found.poses, found.landmarks, found.shares)
 
 
+def dispensable(log: Log, found: SoftEstimate) -> np.ndarray:
+    """(K,) bool, landmarks without which the ranges are hardly less likely.
+
+    One that is never in reach, or more than there are, may live on ranges of the others: what it
+    gains is then small, however narrow its place. Of one that is surveyed there is no such doubt.
+    """
+    doubted, whole = np.zeros(log.n_landmarks, dtype=bool), cost_of(log, found)
+    for k in np.flatnonzero(np.isfinite(found.landmarks[:, 0]) & np.isnan(log.landmark_sigmas)):
+        places = found.landmarks.copy()
+        places[k] = np.nan
+        doubted[k] = cost(log, found.poses, places, found.shares) - whole < diagnosis.LEAST_RIVAL
+    return doubted
+
+
 def by_em(
     log: Log, conventions: Conventions, start: tuple[np.ndarray, np.ndarray], widest: float,
     exclusive: bool = True,
