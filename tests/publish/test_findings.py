@@ -74,7 +74,7 @@ def test_one_world_gets_worse_by_a_fifth():
 
 @pytest.mark.parametrize(("preset", "mostly"), [("A", True), ("B", True), ("C", False)])
 def test_silent_on_clean_data_and_blind_at_small_p(preset, mostly):
-    """None of these is blind under C; of 57 others, with seeds from 9500 on, two were: hardly any."""
+    """None of these is blind under C; of 55 others, of seeds from 9500 on, two were."""
     silent = worlds(f"audit.{preset}.p0.tau3.96.triggered") == 0
     recall = worlds(f"audit.{preset}.p0.1.tau3.96.recall")
     blind = recall[np.isfinite(recall)] == 0
