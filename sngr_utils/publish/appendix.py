@@ -8,7 +8,7 @@ from sngr_utils.publish.cells import NONE, text
 from sngr_utils.publish.claims import Entry, NumberEntry
 from sngr_utils.publish.judge import Row
 
-ROWS = 40  # of a tabular, which does not break over pages
+ROWS = 20  # of a tabular, which does not break over pages
 HEADS = ("claim", "KEY", "expected", "tolerance")
 CLOCK = "a clock: not compared"
 
