@@ -224,7 +224,7 @@ def every(rows: list[Row]) -> pd.DataFrame:
 def whole(rows: list[Row]) -> str:
     """LaTeX: every claim with its verdict, as one table that goes on from page to page."""
     table = every(rows)
-    text = latex.latex_table(_table(table, "lllllllP{42mm}l"))
+    text = latex.latex_table(_table(table, "lllllllP{33mm}l"))
     head, body = text.replace("{tabular}", "{longtable}").split("\\midrule\n")
     begin, head = head.split("\n", 1)
     caption = (

@@ -20,7 +20,7 @@ def draw_scan(ax: Axes, scan: Scan) -> None:
     ax.plot(*scan.position, "o", color=style.ESTIMATE, label="pose")
     ax.plot(*scan.landmarks.T, **style.FOUND_LANDMARK, label="landmarks, found")
     for k, landmark in enumerate(scan.landmarks):
-        ax.annotate(str(k), landmark, (3, 4), textcoords="offset points")
+        ax.annotate(str(k), landmark, (7, 5), textcoords="offset points")  # clear of the marks
     label, source = scan.landmarks[scan.labels[m]], scan.landmarks[scan.sources[m]]
     ax.plot(*label, "s", mfc="none", ms=9, color=style.TRIGGERED, label="label")
     ax.plot(*source, "o", mfc="none", ms=11, color=style.SAMPLES, label="source")
@@ -65,7 +65,8 @@ def draw_frame(ax: Axes, frame) -> None:
             colour = style.LANDMARK
         ax.plot(*np.array([here, end]).T, dash, color=colour, lw=0.7)
     ax.plot(*here, "o", color=style.TRUTH)
-    ax.set(xlim=(-7.5, 7.5), ylim=(-7.5, 7.5), aspect="equal", xlabel="x [m]")
+    ax.set(xlim=(-7.5, 7.5), ylim=(-7.5, 7.5), aspect="equal")
+    ax.set(xlabel="x [m]", ylabel="y [m]")
     ax.set_title(f"pose {len(frame.poses) - 1}")
 
 
@@ -77,7 +78,7 @@ def film_legend() -> list[Line2D]:
         "plain iSAM2": {"ls": ":", "color": style.ESTIMATE},
         "landmark": style.TRUE_LANDMARK,
         "landmark, found": style.FOUND_LANDMARK,
-        "posterior of one not yet": {"ls": "", "marker": ".", "color": style.PRIOR},
+        "posterior of one not yet found": {"ls": "", "marker": ".", "color": style.PRIOR},
         "range, label kept": {"color": style.SAMPLES},
         "given to another landmark": {"color": style.LANDMARK},
         "given to none": {"ls": ":", "color": style.TRIGGERED},

@@ -12,6 +12,7 @@ from sngr_utils.show import methods, style
 from sngr_utils.show.common import draw_intervals, draw_printed, legend_above
 from sngr_utils.show.style import PRESET_COLOURS, PRESET_MARKERS, WRONG_LABEL
 
+DASHES = ["-", "--", "-.", (0, (4, 1)), (0, (1, 0.7))]  # told apart in grey print too
 ACCEPTED = "#9BD6C2"  # preset C's green, so light that a printed value shows on it
 FLOOR = 1e-4  # nats: gains below are drawn there, for the axis is logarithmic
 
@@ -106,10 +107,10 @@ def draw_settling(ax: Axes, gains: pd.DataFrame) -> None:
     """Median gain that a window could still have, [nats], against further empty updates."""
     bases = list(dict.fromkeys(gains["base"]))
     medians = gains.groupby(["preset", "base"], sort=False)["gain"].median()
-    for preset in dict.fromkeys(gains["preset"]):
+    for size, preset in zip((7, 5, 3), dict.fromkeys(gains["preset"]), strict=False):
         left = np.maximum(medians[preset][bases].to_numpy(), FLOOR)
         ax.semilogy(left, PRESET_MARKERS[preset] + "-", color=PRESET_COLOURS[preset], mfc="none",
-                    label=f"preset {preset}")  # fmt: skip
+                    ms=size, label=f"preset {preset}")  # A shows around C  # fmt: skip
     ax.set_xticks(range(len(bases)), bases)
     ax.set(xlabel="further updates without data, then batch", ylabel="median gain left [nats]")
     legend_above(ax)
@@ -117,10 +118,10 @@ def draw_settling(ax: Axes, gains: pd.DataFrame) -> None:
 
 def draw_detection_curves(axes: Sequence[Axes], curves: dict[str, tuple]) -> None:
     """ROC (left) and precision-recall curves (right); dotted: what firing at random gives."""
-    looks = zip(curves.items(), style.SEQUENCE, strict=False)
-    for (name, (roc, precision_recall, base_rate)), colour in looks:
-        axes[0].plot(*roc, color=colour, label=name)
-        axes[1].plot(*precision_recall, color=colour)
+    looks = zip(curves.items(), style.SEQUENCE, DASHES, strict=False)
+    for (name, (roc, precision_recall, base_rate)), colour, dash in looks:
+        axes[0].plot(*roc, ls=dash, color=colour, label=name)
+        axes[1].plot(*precision_recall, ls=dash, color=colour)
         axes[1].axhline(base_rate, color=colour, lw=0.6, ls=":")
     axes[0].plot([0, 1], [0, 1], ":", color=style.TRUTH, lw=0.6)
     axes[0].set(xlabel="false positive rate", ylabel="true positive rate", aspect="equal")

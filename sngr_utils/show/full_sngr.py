@@ -233,7 +233,7 @@ def draw_window_samples(
     for points, marker, colour, name in (
         (estimate, "o", style.ESTIMATE, "iSAM2"),
         (mean, "x", style.TRIGGERED, "sample mean"),
-        (truth, "*", style.TRUTH, "truth"),
+        (truth, "+", style.TRUTH, "truth"),
     ):
         ax.plot(*points.T, marker, color=colour, ms=5, mfc="none", label=name)
     ax.margins(x=0.5)

@@ -212,6 +212,7 @@ def record_strong(strong: pd.DataFrame, to: report.Report) -> None:
 
 WHITE_TO_GREEN = LinearSegmentedColormap.from_list("", ["white", style.SAMPLES])
 LEAST, FAR = 1e-3, 1e3  # what a logarithmic axis shows for less, and for a gap of more
+MARKERS = "os^vDP"  # beside the colours, for grey print
 COLOURS = [style.ESTIMATE, style.TRIGGERED, style.LANDMARK, style.SAMPLES, style.PRIOR]
 
 
@@ -254,10 +255,11 @@ def draw_divergences(ax: Axes, found: pd.DataFrame, kl_limit: float, fires: np.n
 def draw_gaps(ax: Axes, found: pd.DataFrame, config: Config) -> None:
     """KL of one Gaussian against the gap of the mirror test, a dot per case, by number of poses."""
     gap = np.minimum(found["gap"], FAR)
-    for i, n in enumerate(sorted(set(found["n"]))):
+    looks = zip(sorted(set(found["n"])), style.SEQUENCE, MARKERS, strict=False)
+    for n, colour, marker in looks:
         here = found["n"] == n
-        ax.plot(gap[here], np.maximum(found["kl"][here], LEAST), "o", ms=3, mew=0.5, mfc="none",
-                color=style.SEQUENCE[i % len(style.SEQUENCE)], label=f"{n} poses")  # fmt: skip
+        ax.plot(gap[here], np.maximum(found["kl"][here], LEAST), marker, ms=3, mew=0.5,
+                mfc="none", color=colour, label=f"{n} poses")  # fmt: skip
     ax.axhline(config.kl_limit, color=style.TRUTH, lw=0.6, ls=":")
     ax.axvline(config.gap_limit, color=style.TRUTH, lw=0.6, ls=":")
     ax.set(xscale="symlog", yscale="log", xlabel="gap of the mirror test [nats]")
@@ -285,8 +287,8 @@ def draw_mass_errors(
         for k, method in enumerate(methods):
             values = np.maximum(by_method.get(method, np.zeros(0)), LEAST)
             place = k + 0.18 * (i - 0.5 * (len(errors) - 1))
-            ax.plot(np.full(len(values), place), values, "o", ms=2.5, mew=0, alpha=0.6,
-                    color=COLOURS[i], label=case if k == 0 else None)  # fmt: skip
+            ax.plot(np.full(len(values), place), values, MARKERS[i], ms=2.5, mew=0,
+                    alpha=0.6, color=COLOURS[i], label=case if k == 0 else None)  # fmt: skip
     ax.axhline(target, color=style.TRUTH, lw=0.6, ls=":")
     ax.set(yscale="log", ylabel="largest error of a mode's mass", xticks=range(len(methods)),
            xticklabels=[method.replace(", ", ",\n") for method in methods])  # fmt: skip

@@ -14,8 +14,8 @@ from sngr_utils.show import style
 from sngr_utils.show.common import legend_above
 from sngr_utils.show.methods import METHODS, Method, shown
 
-GROWN = Method("ours, batch", style.SAMPLES, "-", "o", 1.6)
-ONLINE = Method("ours, online", style.SAMPLES, "--", None, 1.6)
+GROWN = Method("association-aware, batch", style.SAMPLES, "--", "o", 1.0)
+ONLINE = METHODS["online"]
 STUDIED, PEERS = ("least_squares", "huber", "cauchy"), ("gnc_tls", "em")  # that are drawn
 NAMES = {"growing_map": GROWN.name, "online": ONLINE.name, "isam": "iSAM",
          "gnc_tls_superlinear": "GNC-TLS, superlinear"}  # fmt: skip
@@ -69,8 +69,9 @@ def draw_map(
 
 def draw_gaps(ax: Axes, gaps: pd.DataFrame) -> None:
     """How much less likely the second-best map is (column gap, [nats]), over poses driven."""
-    for (name, rows), colour in zip(gaps.groupby("set"), style.SEQUENCE[1:], strict=False):
-        ax.plot(rows["poses"], rows["gap"], "o-", color=colour, label=name)
+    looks = zip(gaps.groupby("set"), style.SEQUENCE[1:], ("o-", "s--"), strict=False)
+    for (name, rows), colour, line in looks:
+        ax.plot(rows["poses"], rows["gap"], line, color=colour, label=name)
     ax.axhline(3, color=style.TRIGGERED, lw=0.6, ls=":", label="3 nats: 1 in 20")
     ax.set_yscale("symlog", linthresh=1)
     ax.set(xlabel="poses driven", ylabel="second-best map worse by [nats]")
@@ -80,9 +81,10 @@ def draw_gaps(ax: Axes, gaps: pd.DataFrame) -> None:
 
 def draw_mirrors(ax: Axes, name: str, gaps: pd.DataFrame) -> None:
     """How much worse the mirror image of each radio is, [nats], over poses driven."""
-    for (radio, rows), colour in zip(gaps.groupby("radio"), style.SEQUENCE, strict=False):
+    looks = zip(gaps.groupby("radio"), style.SEQUENCE, ("-", "--", "-.", ":"), strict=False)
+    for (radio, rows), colour, dash in looks:
         gap = rows["gap"].replace(np.inf, np.nan)  # no second place, and nothing to draw
-        ax.plot(rows["poses"], gap, color=colour, label=f"radio {radio + 1}")
+        ax.plot(rows["poses"], gap, dash, color=colour, label=f"radio {radio + 1}")
     ax.set_yscale("symlog", linthresh=1)
     ax.set(xlabel="poses driven", ylabel="mirror image worse by [nats]", title=name)
 

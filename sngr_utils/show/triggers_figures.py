@@ -25,7 +25,7 @@ def auc_series(
 STATES = {  # state of a window -> colour and marker
     "neither": (style.ESTIMATE, "."),
     "wrong labels, not failed": (style.LANDMARK, "o"),
-    "failed": (style.TRIGGERED, "x"),
+    "failed": (style.TRUTH, "v"),
 }
 
 
@@ -78,7 +78,7 @@ def draw_along(axes: Sequence[Axes], rows: pd.DataFrame, panels: dict[str, tuple
             color=style.LANDMARK, alpha=0.25, lw=0, label="wrong labels in the window",
         )  # fmt: skip
         ax.plot(window, score, "o-", color=style.ESTIMATE, ms=2.5, lw=0.7)
-        ax.plot(window[failed], score[failed], "x", color=style.TRIGGERED, ms=5, label="failed")
+        ax.plot(window[failed], score[failed], "v", color=style.TRUTH, ms=3.5, label="failed")
         ax.axhline(threshold, color=style.TRUTH, lw=0.7, ls="--", label="threshold")
         ax.set_ylabel(label)
         ax.margins(y=0.15)

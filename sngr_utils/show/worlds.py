@@ -73,7 +73,8 @@ def draw(ax: Axes, rows: pd.DataFrame) -> None:
     handles, named_by = ax.get_lines()[:3], ("no doubt", "doubts itself", "median")
     ax.axvline(1, color=style.TRUTH, lw=0.6, zorder=1)
     lost = ax.axvline(LOST, color=style.TRUTH, lw=0.8, ls=":", zorder=1)
-    ax.legend([*handles, lost], [*named_by, "lost beyond"], loc="upper right")
+    above = {"loc": "lower center", "bbox_to_anchor": (0.5, 1)}  # no line of the grid crosses it
+    ax.legend([*handles, lost], [*named_by, "lost beyond"], ncols=4, **above)
     ax.set_yticks(-np.arange(len(named)), list(named))
     ax.set(xscale="log", xlabel="pose RMSE over the oracle's")
     ax.grid(axis="y", lw=0.3)
