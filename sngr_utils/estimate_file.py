@@ -17,7 +17,8 @@ from tqdm import tqdm
 from sngr_utils.files import formats, plaza, tum
 from sngr_utils.files.recording import Recording, named
 from sngr_utils.metrics.alignment import aligned_rmse, rigid
-from sngr_utils.robust import growing_map
+from sngr_utils.online import calibration, rivals
+from sngr_utils.robust import growing_map, naming
 from sngr_utils.robust.growing_map import GrownMap
 from sngr_utils.slam.noise_estimation import RANGE, SOURCES
 from sngr_utils.world.dead_reckoning import dead_reckoning
@@ -105,13 +106,19 @@ def _in_names(text: str, recording: Recording) -> str:
 def summary(recording: Recording, grown: GrownMap) -> list[str]:
     """Lines on what was found, and on whether it can be trusted."""
     log, soft, noise = recording.log, grown.soft, grown.noise
-    lines = [f"{log.n_poses} poses, {len(log.ranges)} ranges, {log.n_landmarks} landmarks"]
+    told = calibration.of(noise.log).after(soft.calibration).corrected(noise.log)
+    needed = ~rivals.dispensable(told, soft)
+    parts = (log.n_poses, "pose"), (len(log.ranges), "range"), (log.n_landmarks, "landmark")
+    lines = [", ".join(f"{n} {what}{'s' * (n != 1)}" for n, what in parts)]
     covariance = noise.estimate.covariance.landmarks
     for k, name in enumerate(recording.landmark_names):
         sigma = np.sqrt(np.trace(covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]) / 2)
         x, y = soft.landmarks[k]
         place = f"at {x:.2f}, {y:.2f} m, +- {sigma:.2f} m" if np.isfinite(x) else "is not found"
-        lines.append(f"landmark {name} {place}")
+        hardly = "" if needed[k] else ", or nowhere: other landmarks explain its ranges as well"
+        lines.append(f"landmark {name} {place}{hardly}")
+    if log.n_landmarks > 1 and not naming.have_labels(log) and np.isnan(log.landmark_sigmas).any():
+        lines.append("no range says which landmark it is from: which name is whose is arbitrary")
     for name, value, sigma in _calibration(grown):
         lines.append(f"{name} {value:.4f} +- {sigma:.4f}")
     errors = noise.errors
@@ -157,9 +164,11 @@ def _places(path: Path, out: Path | None, overwrite: bool) -> tuple[Path, Path]:
     found = folder / f"{name}.tum", folder / f"{name}.png"
     for there in found:
         if there.is_dir():
-            raise ValueError(f"{there} is a folder: --out goes round")
+            raise ValueError(f"{there} is a folder: --out DIR writes elsewhere")
         if os.path.lexists(there) and not overwrite:
-            raise ValueError(f"{there} is there already: --overwrite replaces it, --out goes round")
+            raise ValueError(
+                f"{there} is there already: --overwrite replaces it, --out DIR writes elsewhere"
+            )
     return found
 
 

@@ -106,7 +106,7 @@ def test_what_cannot_be_written_is_refused_before_the_work(log_file, capsys, mon
     assert f"{dangling} is there already" in capsys.readouterr().err
     folder.mkdir()
     assert command_line.main(["estimate", str(log_file), "--overwrite"]) == 1
-    assert capsys.readouterr().err == f"error: {folder} is a folder: --out goes round\n"
+    assert capsys.readouterr().err == f"error: {folder} is a folder: --out DIR writes elsewhere\n"
 
     def read_only(**where):
         raise PermissionError(13, "Permission denied", f"{where['dir']}/x")
@@ -148,6 +148,24 @@ def test_landmarks_in_doubt_are_called_as_in_the_file_and_labels_need_to_be_ther
     said = capsys.readouterr().out
     assert "labels" not in said
     assert "of the ranges are from no landmark" in said
+    assert "which name is whose is arbitrary" in said
+
+
+def test_a_landmark_that_is_none_is_told(tmp_path, capsys):
+    """Four names, and ranges from three: the fourth is found on top of another one, if at all."""
+    world = simulate(Scenario(n_poses=60, n_landmarks=3), 0.2, rng=np.random.default_rng(101))
+    log = world.log([0.01, 0.01, 0.001])
+    more = replace(
+        log, n_landmarks=4, landmark_means=np.full((4, 2), np.nan),
+        landmark_sigmas=np.full(4, np.nan),
+    )  # fmt: skip
+    table_writer.write(tmp_path / "a", Recording(more, None, ["a", "b", "c", "d"]))
+    assert command_line.main(["estimate", str(tmp_path / "a")]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "60 poses, 180 ranges, 4 landmarks"
+    for name in "abcd":
+        (line,) = (line for line in lines if line.startswith(f"landmark {name} "))
+        assert ("nowhere" in line or "not found" in line) == (name == "d")
 
 
 def test_the_work_is_done_where_an_interrupt_is_not_raised(log_file, capsys, monkeypatch):

@@ -1,5 +1,6 @@
 """Which reader a path is for."""
 
+import os
 from pathlib import Path
 
 from sngr_utils.files import nsfg, plaza, pyfg, tables
@@ -20,7 +21,8 @@ def read(path: Path) -> Recording:
     suffix = path.suffix.lower()
     if suffix not in READERS:
         known = ", ".join(READERS)
-        raise ValueError(f"{path}: neither one of {known} nor a folder of tables")
+        what = "neither one of" if os.path.lexists(path) else "not there, and neither one of"
+        raise ValueError(f"{path}: {what} {known} nor a folder of tables")
     if not path.is_file():
         raise ValueError(f"{path}: no such file")
     return READERS[suffix](path)

@@ -6,7 +6,7 @@ is more to tell; `truth.csv` is for judging.
 
 import math
 import os
-from collections import Counter
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +14,13 @@ import numpy as np
 from sngr_utils.files.recording import Recording, named
 from sngr_utils.files.text import Line, lines
 from sngr_utils.world.checks import SMALLEST
-from sngr_utils.world.log import NO_LABEL, Log
+from sngr_utils.world.log import NO_LABEL, Log, LogWarning
 from sngr_utils.world.truth import Truth
 
 MOTION = ["dx_m", "dy_m", "dtheta_rad"]
 SIGMAS = ["sigma_x_m", "sigma_y_m", "sigma_theta_rad"]
 CORRELATIONS = ["rho_xy", "rho_xtheta", "rho_ytheta"]
+SHORT = 0.02  # of the time of the poses, in which all ranges lie: a thousandth is milliseconds
 # of each table: columns that it must have, and those that it may have
 COLUMNS = {
     "odometry": (["time_s", *MOTION, *SIGMAS], CORRELATIONS),
@@ -104,7 +105,10 @@ def _table(folder: Path, name: str, required: bool = True) -> Table | None:
     must, may = COLUMNS[name]
     for column in must:
         if column not in head.fields:
-            raise head.refuse(f"no column {column}: the header must be {','.join(must)}, by commas")
+            more = " and time_s or pose" * (name == "ranges")
+            raise head.refuse(
+                f"no column {column}: the header must have {','.join(must)}, by commas{more}"
+            )
     for column in head.fields:
         chance = name == "ranges" and column.startswith(CHANCE)
         if not chance and column not in [*must, *may]:
@@ -170,9 +174,9 @@ def _names(landmarks: Table | None, ranges: Table) -> list[str]:
             raise ValueError(f"{ranges.path}: it names no landmark, and no landmarks.csv does")
         return sorted(found, key=lambda name: (len(name) if name.isdigit() else 0, name))
     names = landmarks.cells("landmark")
-    count = Counter(names)
+    first = dict(zip(reversed(names), reversed(landmarks.rows), strict=True))
     for row, name in zip(landmarks.rows, names, strict=True):
-        if not name or count[name] > 1:
+        if not name or first[name] is not row:
             raise row.refuse(f"landmark {name[:40]!r}: a name must stand there once")
     return names
 
@@ -211,6 +215,11 @@ def _pose_of(ranges: Table, times: np.ndarray) -> np.ndarray:
     for row, time in zip(ranges.rows, when, strict=True):
         if not times[0] - slack <= time <= times[-1] + slack:
             raise row.refuse(f"time_s is {time:g}: the poses go from {times[0]:g} to {times[-1]:g}")
+    if len(when) > 1 and np.ptp(when) < SHORT * np.ptp(times):
+        text = (
+            f"{ranges.path}: from first to last {np.ptp(when):g} s, of {np.ptp(times):g} s of poses"
+        )
+        warnings.warn(f"{text}: are both in seconds?", LogWarning, stacklevel=5)
     after = np.clip(np.searchsorted(times, when), min(1, last), last)
     before = np.maximum(after - 1, 0)
     return np.where(when - times[before] <= times[after] - when, before, after)

@@ -64,7 +64,7 @@ class Line:
         ------
         ValueError : it is not positive
         """
-        value = float(self.numbers([field], LARGEST**power)[0])
+        value = float(self.numbers([field], LARGEST**power, [what])[0])
         if value < SMALLEST**power:
             raise self.refuse(f"{what} is {_shown(field)}: it must be positive")
         return value if power == 1 else math.sqrt(value)

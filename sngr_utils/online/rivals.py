@@ -15,7 +15,7 @@ import numpy as np
 
 from sngr_utils.online import relocalisation, slips
 from sngr_utils.online.belief import LOOSE, TURNED, WINDOW, cost, wider
-from sngr_utils.robust import diagnosis, em, growing_map, mirrors, naming
+from sngr_utils.robust import association, diagnosis, em, growing_map, mirrors, naming
 from sngr_utils.robust.em import SoftEstimate
 from sngr_utils.slam import landmark_starts
 from sngr_utils.slam.conventions import Conventions
@@ -56,10 +56,16 @@ def dispensable(log: Log, found: SoftEstimate) -> np.ndarray:
     gains is then small, however narrow its place. Of one that is surveyed there is no such doubt.
     """
     doubted, whole = np.zeros(log.n_landmarks, dtype=bool), cost_of(log, found)
+    prior = np.exp(association.log_prior(log, found.shares))[:, :-1]
+    from_any = prior.sum(axis=1, keepdims=True) / (1 - found.shares.clutter)
     for k in np.flatnonzero(np.isfinite(found.landmarks[:, 0]) & np.isnan(log.landmark_sigmas)):
-        places = found.landmarks.copy()
-        places[k] = np.nan
-        doubted[k] = cost(log, found.poses, places, found.shares) - whole < diagnosis.LEAST_RIVAL
+        others = np.arange(log.n_landmarks) != k
+        left = others * np.maximum(prior, np.finfo(float).tiny)  # its label then means any of them
+        left *= from_any / np.maximum(left.sum(axis=1, keepdims=True), np.finfo(float).tiny)
+        places = np.where(others[:, None], found.landmarks, np.nan)
+        without = log._with(label_probabilities=left)
+        shares = found.shares._replace(wrong=0.0)
+        doubted[k] = cost(without, found.poses, places, shares) - whole < diagnosis.LEAST_RIVAL
     return doubted
 
 

@@ -2,9 +2,9 @@
 
 The log likelihood of the sigmas is that of the data with poses and landmarks integrated out, to
 second order about the estimate. A sigma is right where the squared residuals that the estimate
-leaves, and the spread it leaves open, add up to what the sigma says. Of little data that is zero
-often, which no odometry has; so the likelihood is multiplied by the sigma of all steps, once for
-position and once for heading, which counts as one residual more and moves no sigma that data hold.
+leaves, and the spread it leaves open, add up to what the sigma says. Of little data that is often
+zero, which no odometry has. So one residual more of position and one of heading count as seen,
+of the size that the log tells: a prior, scaled inverse chi-square of one degree of freedom.
 """
 
 from collections.abc import Mapping
@@ -104,8 +104,8 @@ def estimate(
     ValueError : fewer than three poses
 
     Source: Patterson, Thompson, Biometrika 58, 1971, on variances with what is estimated beside
-    them integrated out; MacKay, Neural Computation 4, 1992, on the rounds; Chung, Rabe-Hesketh,
-    Dorie, Gelman, Liu, Psychometrika 78, 2013, on what keeps a sigma from zero.
+    them integrated out; MacKay, Neural Computation 4, 1992, on the rounds; Gelman et al.,
+    Bayesian Data Analysis, 2013, section 2.6, on the prior.
     """
     if log.n_poses < 3:
         raise ValueError(f"{log.n_poses} poses: noise needs three")
@@ -164,13 +164,14 @@ class Likelihood:
         chain = chain_problem.of_log(log, landmarks, landmark_prior_sigma)
         self.chain = chain_problem.weighted(chain, weights, 1.0, 0.0)
         self.log, self.shapes = log, shapes(log.odometry)
+        given = log.odometry_covariances.sum(axis=0)
+        self.told = np.array([given[0, 0] + given[1, 1], given[2, 2]])  # of position and heading
         self.at = poses, landmarks, chain.calibration_means
 
     def start(self) -> np.ndarray:
         """Logarithms of sigmas that share alike what the log gives."""
-        given = self.log.odometry_covariances.sum(axis=0)
         total = self.shapes.sum(axis=1)
-        shared = np.array([(given[0, 0] + given[1, 1]) / 4] * 2 + [given[2, 2] / 3] * 3)
+        shared = np.array([self.told[0] / 4] * 2 + [self.told[1] / 3] * 3)
         total = np.append(total[:2, 0, 0], total[2:, 2, 2])
         # what no step has, because none turns, say, is left with no noise
         return np.append(
@@ -208,8 +209,8 @@ class Likelihood:
     def balance(self, sigmas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Squared residuals of each source in its sigmas, and how much they should be.
 
-        What they should be is the number of residuals less what the estimate has fitted. What is
-        seen has one more for position and one for heading, which keeps each from vanishing.
+        What they should be is the number of residuals less what the estimate has fitted. The one
+        residual more, of position and of heading, is shared among their sources.
         """
         found, chain = self.solve(sigmas), self._chain(sigmas)
         information = chain.step_information
@@ -223,7 +224,9 @@ class Likelihood:
         free = 3 * len(found.poses) + found.landmarks.size + np.count_nonzero(chain.columns >= 0)
         by_ranges = free - np.einsum("tij,tji->", information, spread) - _by_priors(chain, found)
         own = self._variances(sigmas)
-        seen += (own / own.sum(axis=0)).sum(axis=1)
+        total = own.sum(axis=0)
+        seen += (own / total) @ (self.told / total)
+        expected += (own / total).sum(axis=1)
         return (
             np.append(seen, of_ranges),
             np.maximum(np.append(expected, chain.weights.sum() - by_ranges), 1e-300),
@@ -234,12 +237,13 @@ class Likelihood:
         return np.subtract(*self.balance(sigmas))
 
     def value(self, sigmas: np.ndarray) -> float:
-        """The log likelihood but for a constant, with what keeps sigmas from zero."""
+        """The log likelihood with the prior, but for a constant."""
         found, chain = self.solve(sigmas), self._chain(sigmas)
         told = 0.5 * np.linalg.slogdet(chain.step_information)[1].sum()
         told -= chain.weights.sum() * sigmas[-1]
-        kept = 0.5 * np.log(self._variances(sigmas).sum(axis=0)).sum()
-        return float(told + kept - found.cost - 0.5 * found.log_determinant)
+        total = self._variances(sigmas).sum(axis=0)
+        prior = -0.5 * np.sum(np.log(total) + self.told / total)
+        return float(told + prior - found.cost - 0.5 * found.log_determinant)
 
     def _covariances(self, sigmas: np.ndarray) -> np.ndarray:
         return np.einsum("c,ctij->tij", np.exp(2 * sigmas[:-1]), self.shapes)

@@ -1,6 +1,7 @@
 """Tables of comma-separated values, and trajectories."""
 
 import re
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -128,7 +129,7 @@ BAD = [
     ("ranges", ", b", ", b; c", None),
     ("landmarks", "c,,,", "c,1.0,1.0,0", "landmarks.csv:4: landmark_means[2] is [1. 1.]: give a"),
     ("landmarks", "c,,,", "c,1.0,,", "landmarks.csv:4: y_m: '' is not a finite number"),
-    ("landmarks", "c,,,", "a,,,", "landmarks.csv:3: landmark 'a'"),
+    ("landmarks", "c,,,", "a,,,", "landmarks.csv:4: landmark 'a'"),
     ("landmarks", "a,4.0", "d,4.0", "ranges.csv:3: landmark 'a': landmarks.csv has none such"),
 ]
 
@@ -278,3 +279,22 @@ def test_a_trajectory_has_the_headings_as_quaternions(tmp_path):
     table = np.loadtxt(tmp_path / "a.tum")
     assert table[:, :4].tolist() == [[0.5, 1, 2, 0], [1.5, 3, 4, 0], [2.5, 5, 6, 0]]
     np.testing.assert_allclose(2 * np.arctan2(table[:, 6], table[:, 7]), poses[:, 2])
+
+
+@pytest.mark.parametrize(("factor", "warns"), [(1.0, False), (1000.0, True)])
+def test_times_in_other_units_are_warned_of(tmp_path, factor, warns):
+    made = recording()
+    table_writer.write(tmp_path, made)
+    path = tmp_path / "odometry.csv"
+    head, *rows = path.read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    rows = [",".join([repr(factor * float(time)), *more]) for time, *more in cells]
+    path.write_text("\n".join([head, *rows]) + "\n")
+    ranges = (tmp_path / "ranges.csv").read_text().splitlines()
+    without = [",".join(row.split(",")[1:]) for row in ranges]  # the nearest pose in time
+    (tmp_path / "ranges.csv").write_text("\n".join(without) + "\n")
+    (tmp_path / "truth.csv").unlink()
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        formats.read(tmp_path)
+    assert any("are both in seconds?" in str(warning.message) for warning in told) == warns

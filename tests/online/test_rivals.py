@@ -46,6 +46,24 @@ def test_a_landmark_that_is_absent_or_astray_is_found(drawn, best, lost):
     assert same(rivals.repaired(log, wanting, fit), best)
 
 
+def test_a_landmark_too_many_is_dispensable_and_none_that_is_there(drawn, best):
+    """The seventh lies where some ranges meet, of which one in twelve says that it is its own."""
+    log = drawn.log(C.x0_sigmas)
+    label = np.where(np.arange(len(log.ranges)) % 12 == 0, 6, log.label_of)
+    more = replace(
+        log, n_landmarks=7, label_of=label, label_probabilities=None,
+        landmark_means=np.full((7, 2), np.nan), landmark_sigmas=np.full(7, np.nan),
+    )  # fmt: skip
+    for place in ([3.0, 2.0], best.landmarks[2] + 0.3):
+        found = fit(more, (best.poses, np.vstack([best.landmarks, place])), 1.0)
+        known = np.linalg.norm(found.landmarks[:6] - best.landmarks, axis=1) < 0.1
+        dispensable = rivals.dispensable(more, found)
+        assert known.sum() >= 5
+        assert dispensable.tolist() == [*~known, True]
+    surveyed = more._with(landmark_sigmas=np.full(7, 0.1), landmark_means=found.landmarks)
+    assert not rivals.dispensable(surveyed, found).any()
+
+
 def test_a_slip_that_was_none_is_trusted_again_and_one_of_its_neighbour_is_moved(drawn):
     odometry = drawn.odometry.copy()
     odometry[14] += [1.2, -1.6, 0.3]

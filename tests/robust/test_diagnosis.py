@@ -18,10 +18,12 @@ SOUND = diagnosis.Diagnosis(
     held_out_p=1.0,
     worst_run=1.0,
     residual=1.0,
+    residual_p=0.5,
     worst_step=1.0,
     drift=misfit.NONE,
     rival=np.inf,
     vague=1.0,
+    extent=100.0,
 )
 
 
@@ -85,12 +87,15 @@ def test_the_worst_step_has_the_p_value_of_so_many(drawn):
 @pytest.mark.parametrize(("changed", "word"), [
     ({"unexplained": 0.51}, "fit nothing"), ({"worst_run": 0.001}, "some poses"),
     ({"held_out_p": 0.001}, "30% of held-out ranges"),
-    ({"residual": 1.7}, "times the variance"), ({"worst_step": 0.001}, "a step"),
+    ({"residual": 1.7}, "1.7 times the variance"),
+    ({"residual": 0.4, "residual_p": 0.001}, "0.4 times the variance"),
+    ({"extent": 1.9}, "1.9 times as wide"), ({"worst_step": 0.001}, "a step"),
     ({"drift": misfit.Misfit("in turning", 0.8, 0.001)}, "a drift in turning (of 0.8 sigmas"),
     ({"rival": 2.0}, "less likely by 2.0 nats"), ({"vague": 6.0}, "range sigmas"),
 ])  # fmt: skip
 def test_each_doubt_is_told_and_even_clutter_is_none(changed, word):
     assert not SOUND.doubtful
+    assert not replace(SOUND, residual=0.4, residual_p=0.1).doubtful  # of few ranges it is chance
     (reason,) = replace(SOUND, **changed).reasons
     assert word in reason
 
@@ -125,3 +130,38 @@ def test_held_out_ranges_that_the_others_do_not_foretell_are_told(drawn):
     assert p_value < 1e-10
     nothing = log.keep(np.zeros(len(held), dtype=bool))
     assert diagnosis.foretold(nothing, found, fit) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize(("told", "flagged"), [(1.0, False), (3.0, True), (0.6, True)])
+def test_noise_of_ranges_that_is_told_wrong_is_flagged(told, flagged):
+    """Three times too large, or .6 times; over 10 worlds, two labels in ten wrong."""
+    doubts = []
+    for seed in range(200, 210):
+        world = simulation.simulate(scenario.Scenario(), 0.2, rng=np.random.default_rng(seed))
+        log = world.log(C.x0_sigmas)
+        log = replace(log, range_sigmas=told * log.range_sigmas)
+
+        def fit(log, start):
+            return em.fit(log, C, start, exclusive=True, clutter=True, widest=1.0)
+
+        found = fit(log, (world.poses, world.landmarks))
+        reasons = diagnosis.diagnose(log, found, np.inf, fit).reasons
+        doubts.append(any("the variance told" in reason for reason in reasons))
+    assert doubts.count(flagged) >= 9
+
+
+def test_a_robot_that_stays_where_it_is_is_flagged(drawn):
+    """Its poses are where they are, and its landmarks anywhere on their rings."""
+    still = replace(drawn, odometry=np.zeros_like(drawn.odometry))
+    ranges = np.linalg.norm(drawn.landmarks[drawn.source_of] - drawn.poses[0, :2], axis=1)
+    poses = np.tile(drawn.poses[0], (drawn.n_poses, 1))
+    for world, path, flagged in ((drawn, drawn.poses, False),
+                                 (replace(still, ranges=ranges), poses, True)):  # fmt: skip
+        log = world.log(C.x0_sigmas)
+
+        def fit(log, start):
+            return em.fit(log, C, start, exclusive=True, clutter=True, widest=1.0)
+
+        found = fit(log, (path, world.landmarks))
+        reasons = diagnosis.diagnose(log, found, np.inf, fit).reasons
+        assert any("as wide as" in reason for reason in reasons) == flagged
