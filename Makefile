@@ -167,6 +167,7 @@ site: setup student
 	@$(PY) docs/site/assemble.py
 	@rm -rf build/site
 	@$(PY) -m sphinx -q -W -E -c docs/site -d build/cache/site build/site-source build/site
+	@echo 'build/site/index.html is written'
 
 test-site: site slides
 	@bash scripts/install_browser.sh
@@ -197,6 +198,7 @@ original: export FILE := $(if $(DRAWS),paper/studies/authors_digits.json,build/o
 original: setup
 	@bash scripts/original.sh "$$FILE" '$(or $(DRAWS),0)'
 	@$(RUN) original "$$FILE"
+	@[ -n '$(DRAWS)' ] || echo 'left out: what the sampler moves, which had no seed (DRAWS=20 draws it, half a minute each)'
 
 # On copies in build/mutants; SEED=2 draws other ones. Fails below 90 %.
 .PHONY: mutants

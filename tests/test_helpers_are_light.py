@@ -9,14 +9,12 @@ import sys
 import pytest
 
 from sngr_utils import paths
+from sngr_utils.publish import notebooks
 
 HEAVY = {"gtsam", "numba", "papermill", "matplotlib", "dynesty", "pandas", "scipy", "joblib"}
 SHOWN = ["start_here", "factor_graph", "bimodal", "trigger_sweep", "full_sngr", "cost", "style",
          "common"]  # fmt: skip
-LINES = dict.fromkeys(
-    ["start_here", "trigger_sweep", "full_sngr", "cost", "audit", "triggers", "peers",
-     "association_aware", "multimodal", "real_data"], 150,
-) | {"bimodal": 200}  # fmt: skip
+LINES = dict.fromkeys([name[3:] for name in notebooks.names()], 150) | {"bimodal": 200}
 
 
 def loaded(modules: list[str], watched: set[str]) -> set[str]:

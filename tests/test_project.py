@@ -83,6 +83,14 @@ def test_the_readme_names_every_notebook_and_every_folder():
         assert f"[{path.stem}](notebooks/{path.name})" in text
 
 
+@pytest.mark.parametrize("chapter", sorted(path.stem for path in paths.NOTEBOOKS.glob("*.ipynb")))
+def test_a_chapter_has_its_helper_what_it_shows_and_its_tests(chapter):
+    stem = chapter[3:]
+    assert (paths.PACKAGE / f"{stem}.py").is_file()
+    assert (paths.PACKAGE / f"show/{stem}.py").is_file()
+    assert (paths.ROOT / f"tests/test_{stem}.py").is_file()
+
+
 def test_long_modules_say_why():
     """Above 300 lines, in its docstring."""
     for path in FILES:

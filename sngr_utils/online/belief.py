@@ -37,6 +37,11 @@ ANCHOR = 1e6  # times its own information, which makes a pose as good as known
 TURNED = np.pi / 2  # rad, sigma of the heading after a step that is not trusted at all
 
 
+def wider(log: Log, told: np.ndarray) -> np.ndarray:
+    """(T-1,) bool, the steps of a log that are not as told: they may have slipped."""
+    return (log.odometry_covariances != told).any(axis=(1, 2))
+
+
 @dataclass(frozen=True)
 class Left:
     """Poses that have left the window: log, covariances as told, estimate, and assignments."""
@@ -260,7 +265,7 @@ class Belief:
     def adopt(self, log: Log, told: np.ndarray, poses, landmarks, used: np.ndarray) -> None:
         """Another estimate of the whole, as `whole` gives it, in one window; and its sources."""
         self.log, self.told = log, told
-        self.slipped = (log.odometry_covariances != told).any(axis=(1, 2))
+        self.slipped = wider(log, told)
         self.left, self.past = [], window.nothing(log.n_landmarks)
         self.poses, self.landmarks = poses, landmarks.copy()
         weights = np.eye(log.n_landmarks + 1)[used]

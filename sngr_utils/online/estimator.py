@@ -84,7 +84,7 @@ class OnlineEstimate:
     landmarks : (K, 2), [m]; on the likeliest side; NaN for one that is not started
     landmark_covariances : (K, 2, 2), [m^2]
     in_doubt : (K,) bool, landmarks whose place is open, or their side (`mirrors.choices`), or
-        their name (`naming.names_open`)
+        their name (`naming`), or whether they are there (`rivals.dispensable`)
     graph_poses : (T, 3) those that take the assignments for certain
     used : (M,) int, landmark each range is assigned to, -1 for none
     position_covariances : (T, 2, 2) in the world frame, [m^2]
@@ -375,7 +375,8 @@ class Online:
         blocks = belief.covariance().landmarks.reshape(log.n_landmarks, 2, log.n_landmarks, 2)
         own = np.einsum("kikj->kij", blocks)
         in_doubt = belief.in_doubt | ~belief.present | self._vague() | either.open
-        in_doubt |= naming.names_open(log, ours)
+        in_doubt |= naming.names_open(log, ours) | naming.exchanged(log, ours)
+        in_doubt |= rivals.dispensable(log, ours)
         belief.counts["slips"] = int(belief.slipped.sum())
         belief.counts["dropped"] = int(np.sum(used == DROPPED))
         belief.counts["swapped"] = int(np.sum((used != DROPPED) & (used != log.label_of)))

@@ -23,6 +23,7 @@ from sngr_utils.sampling.weighted_samples import WeightedSamples
 from sngr_utils.slam import landmark_starts
 
 N_LIVE, WALKS, DLOGZ = 100, 25, 0.5  # of the nested sampler, in two dimensions
+CROSSED = 128  # ranges whose circles are crossed, at most: work grows with the cube of them
 START_APART = 3.0  # sigmas of a range, nearer than which two crossings are one start
 GATE = stats.chi2.ppf(0.99, 1)  # squared normalised error of a range that fits
 MAX_MODES = 4  # what is beyond them is left without a mode
@@ -34,11 +35,14 @@ CLAIM = stats.chi2.ppf(0.999, 2)  # a mode claims what its Gaussian holds at thi
 def crossing_starts(evidence: Evidence, most: int) -> np.ndarray:
     """(S, 2) crossings of every two circles, the likeliest first, no two of them near. [m]
 
+    Of more than `CROSSED` ranges, the circles of those that are least likely wrong.
+
     Parameters
     ----------
     most : S at most
     """
-    places = landmark_starts.crossings(evidence.anchors, evidence.ranges)
+    some = np.sort(np.argsort(evidence.wrong, kind="stable")[:CROSSED])
+    places = landmark_starts.crossings(evidence.anchors[some], evidence.ranges[some])
     log_densities = _log_densities(evidence, places - evidence.centre)
     apart = START_APART * math.sqrt(evidence.variances.min())
     return _likeliest(places, log_densities, apart, most)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sngr_utils.online import relocalisation, slips
-from sngr_utils.online.belief import LOOSE, TURNED, WINDOW, cost
+from sngr_utils.online.belief import LOOSE, TURNED, WINDOW, cost, wider
 from sngr_utils.robust import diagnosis, em, growing_map, mirrors, naming
 from sngr_utils.robust.em import SoftEstimate
 from sngr_utils.slam import landmark_starts
@@ -47,6 +47,20 @@ class Rival(NamedTuple):
 def cost_of(log: Log, found: SoftEstimate) -> float:
     """Minus the log evidence of what EM has found, roughly, [nats]."""
     return cost(log, found.poses, found.landmarks, found.shares)
+
+
+def dispensable(log: Log, found: SoftEstimate) -> np.ndarray:
+    """(K,) bool, landmarks without which the ranges are hardly less likely.
+
+    One that is never in reach, or more than there are, may live on ranges of the others: what it
+    gains is then small, however narrow its place. Of one that is surveyed there is no such doubt.
+    """
+    doubted, whole = np.zeros(log.n_landmarks, dtype=bool), cost_of(log, found)
+    for k in np.flatnonzero(np.isfinite(found.landmarks[:, 0]) & np.isnan(log.landmark_sigmas)):
+        places = found.landmarks.copy()
+        places[k] = np.nan
+        doubted[k] = cost(log, found.poses, places, found.shares) - whole < diagnosis.LEAST_RIVAL
+    return doubted
 
 
 def by_em(
@@ -147,7 +161,7 @@ def price_of_slips(log: Log, told: np.ndarray) -> float:
     range, and the ranges hold it as finely as one of them does.
     """
     wide = log.odometry_covariances != told
-    slipped, freed = wide.any(axis=(1, 2)).sum(), np.einsum("tii->ti", wide).sum()
+    slipped, freed = wider(log, told).sum(), np.einsum("tii->ti", wide).sum()
     if not slipped:
         return 0.0
     choice = np.log(log.ranges.max(initial=0.0) / np.median(log.range_sigmas))
@@ -172,7 +186,7 @@ def from_nothing(
 
 def _with_and_without_slips(log: Log, told: np.ndarray) -> list[Log]:
     """The log, and it without its slips if it has any."""
-    return [log, log.with_covariances(told)] if _slipped(log, told) else [log]
+    return [log, log.with_covariances(told)] if wider(log, told).any() else [log]
 
 
 def against(
@@ -249,7 +263,7 @@ def reconsidered(ours: Rival, told: np.ndarray, fit: Fit) -> tuple[Rival, list[R
 
 def _slipped(log: Log, told: np.ndarray) -> list[int]:
     """The steps of a log that are wider than told."""
-    return np.flatnonzero((log.odometry_covariances != told).any(axis=(1, 2))).tolist()
+    return np.flatnonzero(wider(log, told)).tolist()
 
 
 def _instead(log: Log, told: np.ndarray, step: int, other: int | None) -> Log:

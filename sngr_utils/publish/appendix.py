@@ -28,8 +28,8 @@ def latex_text(rows: list[Row], results: dict[str, dict], clocks: set[str]) -> s
     for notebook, group in groupby(sorted(told, key=by_notebook), by_notebook):
         took = f"{60 * minutes[notebook]:.0f} s" if notebook in minutes else "not timed"
         name = notebook.translate(latex.LATEX_CELL)
-        head = f"\\paragraph{{{name}}}\\texttt{{make run/{name}}}, {took}."
-        parts.append(head + "\\par\\nopagebreak\n")
+        parts.append(f"\\paragraph{{{name}}}\\texttt{{make run/{name}}}, {took}.")
+        parts.append("\\par\\nopagebreak\n")
         lines = [_line(row, entries[row.entry], results, clocks) for row in group]
         for first in range(0, len(lines), ROWS):
             page = lines[first : first + ROWS]

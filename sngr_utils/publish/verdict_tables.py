@@ -254,7 +254,9 @@ README_ROWS = {  # as CONTROLS names them, and the claims in words
     "printed": "rows of printed numbers, of those that our worlds can refute",
     "random": "the same rows with random numbers",
     "fresh": "the same rows with one of our own worlds",
-    "triggers": "of these, rows of the trigger",
+    "series": "of these, series",
+    "shuffled": "the same series in any order",
+    "triggers": "of all, rows of the trigger",
     "silent": "the same for a trigger that never fires",
     "holds": "claims in words (and as a trend)",
 }

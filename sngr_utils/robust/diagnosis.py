@@ -24,7 +24,9 @@ MOST_UNEXPLAINED = 0.5  # share of the ranges: the majority must be from a landm
 RARE = 0.01  # p-value that is no chance
 POSSIBLE = 0.5  # and one that is worth a question
 VAGUE = 5.0  # range sigmas, of a prediction above which it cannot tell landmarks apart
-MOST_RESIDUAL = 1.6  # variance of ranges over what is told: a sigma that is told a fifth too small
+MOST_RESIDUAL = 1.6  # variance over what is told: sigmas that are told a fifth too small
+LEAST_RESIDUAL = 0.5  # and too large by two fifths
+LEAST_EXTENT = 2.0  # of the way, in errors of its positions: less is standing still
 HELD_OUT = 10  # one range of so many is held out
 FIRM = 1e-3  # of the sigmas of the first pose: what all poses err by together foretells as well
 LEAST_RIVAL = np.log(100.0)  # nats: odds of a hundred to one
@@ -47,12 +49,15 @@ class Diagnosis:
     held_out : share of every tenth range that fits nothing that the others foretell
     held_out_p : its p-value, if such ranges are as many as among all
     worst_run : p-value of the run of poses with the most of them, see `worst_run`
-    residual : mean squared normalised residual of what is assigned, per degree of freedom
+    residual : squared normalised residuals of the steps and of what is assigned, per degree of
+        freedom
+    residual_p : the chance that they are as small as that
     worst_step : p-value of the worst step of the odometry, for as many as there are
     drift : what every step, or range, seems to be wrong by, see `misfit.worst`
     rival : by how much the best other estimate is less likely, [nats]; infinite if there is none
     vague : sigma of a position, over the poses in the mean square, in range sigmas; infinite
         without ranges
+    extent : of the way, in errors of its positions; infinite where all landmarks are surveyed
     reasons : in words; empty if there is no doubt
     """
 
@@ -61,10 +66,12 @@ class Diagnosis:
     held_out_p: float
     worst_run: float
     residual: float
+    residual_p: float
     worst_step: float
     drift: Misfit
     rival: float
     vague: float
+    extent: float
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -77,7 +84,8 @@ class Diagnosis:
             f"some poses have too many ranges that fit nothing (p {self.worst_run:.0e})":
                 self.worst_run < RARE,
             f"residuals have {self.residual:.1f} times the variance told":
-                self.residual > MOST_RESIDUAL,
+                self.residual > MOST_RESIDUAL
+                or (self.residual < LEAST_RESIDUAL and self.residual_p < RARE),
             f"a step of the odometry is missed (p {self.worst_step:.0e})": self.worst_step < RARE,
             f"odometry and map disagree by a drift {self.drift.name} "
             f"(of {self.drift.size:.1f} sigmas, p {self.drift.p_value:.0e})":
@@ -85,6 +93,8 @@ class Diagnosis:
             f"another estimate is less likely by {self.rival:.1f} nats only":
                 self.rival < LEAST_RIVAL,
             f"positions err by {self.vague:.0f} range sigmas": self.vague > VAGUE,
+            f"the way is {self.extent:.1f} times as wide as its positions err":
+                self.extent < LEAST_EXTENT,
         }  # fmt: skip
         return tuple(reason for reason, holds in tests.items() if holds)
 
@@ -105,7 +115,9 @@ def diagnose(log: Log, found: SoftEstimate, rival: float, fit: Fit) -> Diagnosis
     held_out, held_out_p = foretold(log, found, fit)
     residuals = association.residuals(log, found.poses, found.landmarks, found.calibration)
     squared = np.nansum(found.responsibilities * (residuals / log.range_sigmas[:, None]) ** 2)
-    freedom = (1 - none).sum() - 2 * np.isfinite(found.landmarks[:, 0]).sum()
+    squared += np.sum(_missed(log, found.poses) ** 2)  # as many as they set poses free
+    placed = np.isfinite(found.landmarks[:, 0]) & ~np.isfinite(log.landmark_sigmas)
+    freedom = (1 - none).sum() - 2 * placed.sum()
     spread = np.sqrt(found.position_covariances.trace(axis1=1, axis2=2).mean() / 2)
     return Diagnosis(
         unexplained=float(none.mean()) if len(none) else 0.0,
@@ -113,10 +125,12 @@ def diagnose(log: Log, found: SoftEstimate, rival: float, fit: Fit) -> Diagnosis
         held_out_p=held_out_p,
         worst_run=worst_run(log, none),
         residual=float(squared / freedom) if freedom > 0 else 1.0,
+        residual_p=float(stats.chi2.cdf(squared, freedom)) if freedom > 0 else 1.0,
         worst_step=worst_step(log, found.poses),
         drift=misfit.worst(log, found),
         rival=float(rival),
         vague=float(spread / np.median(log.range_sigmas)) if len(log.ranges) else np.inf,
+        extent=found.moved(found.poses - found.poses.mean(axis=0)) if placed.any() else np.inf,
     )
 
 
@@ -177,12 +191,16 @@ def worst_step(log: Log, poses: np.ndarray) -> float:
     """
     if log.n_poses < 2:
         return 1.0
+    squared = np.sum(_missed(log, poses) ** 2, axis=1)
+    return float(min(1.0, stats.chi2.sf(squared.max(), 3) * len(squared)))
+
+
+def _missed(log: Log, poses: np.ndarray) -> np.ndarray:
+    """(T-1, 3) by how much the steps of the odometry are missed, in sigmas of their noise."""
     missed = relative_motion(poses) - log.odometry
     missed[:, 2] = wrap_angle(missed[:, 2])
     lower = np.linalg.cholesky(log.odometry_covariances)
-    white = np.linalg.solve(lower, missed[..., None])[..., 0]
-    worst = np.max(np.sum(white**2, axis=1))
-    return float(min(1.0, stats.chi2.sf(worst, 3) * len(missed)))
+    return np.linalg.solve(lower, missed[..., None])[..., 0]
 
 
 def may_have_slipped(log: Log, found: SoftEstimate) -> bool:

@@ -72,22 +72,19 @@ def matched(log_weights, ends):
 @compile_once
 def _one_scan(weights, found):
     """Fill the (n, K+1) posterior of one scan, from as few pairs as will do."""
-    threshold, plan = PLAUSIBLE, _plan(weights, PLAUSIBLE)
-    if plan.n_open == TOO_MANY:
-        propagate(weights, found)
-        return
-    if plan.n_open >= MANY:  # all pairs at once, for the check often fails and doubles the work
+    threshold, plan, log_total = PLAUSIBLE, _plan(weights, PLAUSIBLE), 0.0
+    if MANY <= plan.n_open < TOO_MANY:  # all pairs at once: the check often fails, twice the work
         everything = _plan(weights, 0.0)
         if everything.n_open <= plan.n_open + 1:
             threshold, plan = 0.0, everything
-    log_total = _matchings(weights, plan, found)
-    if log_total < _log_overlooked(weights, threshold) - math.log(EXACT):
-        plan = _plan(weights, 0.0)
-        if plan.n_open == TOO_MANY:
-            propagate(weights, found)
-            return
+    if plan.n_open < TOO_MANY:
         log_total = _matchings(weights, plan, found)
-    if log_total == -math.inf:
+        if log_total < _log_overlooked(weights, threshold) - math.log(EXACT):
+            plan = _plan(weights, 0.0)
+            log_total = _matchings(weights, plan, found) if plan.n_open < TOO_MANY else 0.0
+    if plan.n_open == TOO_MANY:
+        propagate(weights, found)
+    elif log_total == -math.inf:
         weights[:, -1] = math.exp(LEAST)
         _matchings(weights, plan, found)
 

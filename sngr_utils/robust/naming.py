@@ -50,6 +50,32 @@ def names_open(log: Log, soft: SoftEstimate) -> np.ndarray:
     return is_open
 
 
+def exchanged(log: Log, soft: SoftEstimate) -> np.ndarray:
+    """(K,) bool, landmarks that labels call by another one's name for a part of the run.
+
+    Along a landmark's ranges, a label of the other one speaks for that name and its own against
+    it, by the odds of `names_open`. Where the name is wrong, a stretch that speaks for it by x nats
+    begins at a range with a chance of e^-x at most.
+
+    Source: Page, Biometrika 41, 1954, on the largest sum of a stretch.
+    """
+    n, wrong = log.n_landmarks, soft.shares.wrong
+    found = np.zeros(n, dtype=bool)
+    if n < 2 or log.label_probabilities is not None or not have_labels(log):
+        return found
+    odds = max(np.log((1 - wrong) * (n - 1) / wrong), 0.0)
+    sources = np.argmax(soft.weights, axis=1)
+    least = NAMED + np.log(max(len(log.ranges), 1) * (n - 1))
+    free = ~np.isfinite(log.landmark_sigmas)
+    for k in np.flatnonzero(free):
+        called = log.label_of[sources == k]
+        for j in np.setdiff1d(called, [NO_LABEL, k]):
+            speaks = odds * ((called == j).astype(float) - (called == k))
+            total = np.append(0.0, np.cumsum(speaks))
+            found[[k, j]] |= (total - np.minimum.accumulate(total)).max() > least
+    return found & free
+
+
 def _agreeing(log: Log, soft: SoftEstimate) -> np.ndarray:
     """(K, K) how many of a landmark's ranges are labelled as each of them."""
     meant = log.label_probabilities

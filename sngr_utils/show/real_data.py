@@ -147,7 +147,7 @@ def measures_table(batch: pd.DataFrame, online: pd.DataFrame) -> pd.DataFrame:
         "rmse": (".3f", "aligned RMSE [m]"), "over_oracle": (".2f", "over the oracle's"),
         "incremental": (".3f", "change in 10 m [m]"), "nees": (".1f", "NEES"),
         "precision": (".3f", "right"), "recall": (".3f", "of all"),
-        "share_wrong": (".2f", "p found"), "missed_steps": (".0f", "steps missed"),
+        "share_wrong": (".2f", "p, estimated"), "missed_steps": (".0f", "steps missed"),
     }  # fmt: skip
     rows = pd.concat([batch, online.rename(columns={"final": "rmse", "right": "precision"})])
     rows = rows.assign(over_oracle=rows["rmse"] / rows["oracle"])
@@ -259,7 +259,7 @@ def stretch_table(stretch: Stretch, rmse: Mapping[str, float]) -> pd.DataFrame:
     rows += [
         ["share of ranges used", cells.number(float(used.mean()), ".3f")],
         ["of these credited rightly", cells.number(float(right.mean()), ".3f")],
-        ["share of wrong labels, found", cells.number(stretch.found.p)],
+        ["share of wrong labels, estimated", cells.number(stretch.found.p)],
         ["nested sampling asked", int(stretch.found.counts["landmark samples"]
                                       + stretch.found.counts["position samples"])],
     ]  # fmt: skip

@@ -2,7 +2,9 @@
 
 The log likelihood of the sigmas is that of the data with poses and landmarks integrated out, to
 second order about the estimate. A sigma is right where the squared residuals that the estimate
-leaves, and the spread it leaves open, add up to what the sigma says.
+leaves, and the spread it leaves open, add up to what the sigma says. Of little data that is zero
+often, which no odometry has; so the likelihood is multiplied by the sigma of all steps, once for
+position and once for heading, which counts as one residual more and moves no sigma that data hold.
 """
 
 from collections.abc import Mapping
@@ -102,7 +104,8 @@ def estimate(
     ValueError : fewer than three poses
 
     Source: Patterson, Thompson, Biometrika 58, 1971, on variances with what is estimated beside
-    them integrated out; MacKay, Neural Computation 4, 1992, on the rounds.
+    them integrated out; MacKay, Neural Computation 4, 1992, on the rounds; Chung, Rabe-Hesketh,
+    Dorie, Gelman, Liu, Psychometrika 78, 2013, on what keeps a sigma from zero.
     """
     if log.n_poses < 3:
         raise ValueError(f"{log.n_poses} poses: noise needs three")
@@ -176,9 +179,14 @@ class Likelihood:
 
     def present(self, sigmas: np.ndarray) -> np.ndarray:
         """(C+1,) whether a source has a share in the variance of position or heading."""
+        variances = self._variances(sigmas)
+        return np.append((variances / variances.sum(axis=0)).max(axis=1) > ABSENT, True)
+
+    def _variances(self, sigmas: np.ndarray) -> np.ndarray:
+        """(C, 2) of position and heading that each source has, all steps together; not zero."""
         traces = np.exp(2 * sigmas[:-1, None]) * np.diagonal(self.shapes.sum(axis=1), 0, 1, 2)
-        shares = traces / np.maximum(traces.sum(axis=0), np.finfo(float).tiny)
-        return np.append(shares.max(axis=1) > ABSENT, True)
+        traces = np.column_stack([traces[:, :2].sum(axis=1), traces[:, 2]])
+        return np.maximum(traces, np.finfo(float).tiny)
 
     def log_at(self, sigmas: np.ndarray) -> Log:
         """The log with these sigmas."""
@@ -200,7 +208,8 @@ class Likelihood:
     def balance(self, sigmas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Squared residuals of each source in its sigmas, and how much they should be.
 
-        What they should be is the number of residuals less what the estimate has fitted.
+        What they should be is the number of residuals less what the estimate has fitted. What is
+        seen has one more for position and one for heading, which keeps each from vanishing.
         """
         found, chain = self.solve(sigmas), self._chain(sigmas)
         information = chain.step_information
@@ -213,6 +222,8 @@ class Likelihood:
         of_ranges = np.sum(chain.weights * (found.residuals / chain.sigmas) ** 2)
         free = 3 * len(found.poses) + found.landmarks.size + np.count_nonzero(chain.columns >= 0)
         by_ranges = free - np.einsum("tij,tji->", information, spread) - _by_priors(chain, found)
+        own = self._variances(sigmas)
+        seen += (own / own.sum(axis=0)).sum(axis=1)
         return (
             np.append(seen, of_ranges),
             np.maximum(np.append(expected, chain.weights.sum() - by_ranges), 1e-300),
@@ -223,11 +234,12 @@ class Likelihood:
         return np.subtract(*self.balance(sigmas))
 
     def value(self, sigmas: np.ndarray) -> float:
-        """The log likelihood but for a constant."""
+        """The log likelihood but for a constant, with what keeps sigmas from zero."""
         found, chain = self.solve(sigmas), self._chain(sigmas)
         told = 0.5 * np.linalg.slogdet(chain.step_information)[1].sum()
         told -= chain.weights.sum() * sigmas[-1]
-        return float(told - found.cost - 0.5 * found.log_determinant)
+        kept = 0.5 * np.log(self._variances(sigmas).sum(axis=0)).sum()
+        return float(told + kept - found.cost - 0.5 * found.log_determinant)
 
     def _covariances(self, sigmas: np.ndarray) -> np.ndarray:
         return np.einsum("c,ctij->tij", np.exp(2 * sigmas[:-1]), self.shapes)

@@ -132,6 +132,28 @@ def test_starts_are_apart_and_the_likeliest_first():
     assert heights == sorted(heights, reverse=True)
 
 
+def test_of_many_ranges_the_likeliest_are_crossed(monkeypatch):
+    """A scan of 24 ranges, each of any of 24 landmarks: 576 circles, 165,600 crossings of two."""
+    rng, n, crossed = np.random.default_rng(100), 24, []
+    landmarks, robot = rng.uniform(-10, 10, (n, 2)), np.array([1.0, -2.0])
+    ranges = np.linalg.norm(landmarks - robot, axis=1) + rng.normal(0, 0.1, n)
+    label = rng.permutation(n)
+    label[: n // 2] = np.arange(n // 2)  # half the labels are right
+    wrong = np.where(label[:, None] == np.arange(n), 0.5, 0.98)
+    evidence = place.Evidence(
+        np.tile(landmarks, (n, 1)), np.repeat(ranges, n), np.full(n * n, 0.01), wrong.ravel(),
+        30.0, np.zeros(2), 30.0,
+    )  # fmt: skip
+    cross = localisation.landmark_starts.crossings
+    monkeypatch.setattr(
+        localisation.landmark_starts, "crossings",
+        lambda *of: crossed.append(len(of[1])) or cross(*of),
+    )  # fmt: skip
+    best = localisation.crossing_starts(evidence, 1)[0]
+    assert crossed == [localisation.CROSSED]
+    assert best == pytest.approx(robot, abs=0.3)
+
+
 def masses_of(cloud, evidence):
     """Share of a cloud on one side of the track, and of its first mode."""
     centre, normal = mirror_image.trajectory_line(evidence.anchors)

@@ -31,6 +31,18 @@ def test_a_fresh_world_passes_at_least_90_percent_of_the_rows(tests):
     assert found.mean() >= 0.9
 
 
+def test_the_rmse_lies_at_the_edge_of_what_five_of_our_worlds_allow(monkeypatch):
+    """Its verdict under C holds with a hundred times the draws; under A it hangs on the draw."""
+    results, found = results_in(paths.REFERENCE), {}
+    for preset, splits, seeds in (("C", 100_000, 3), ("A", 1000, 20)):
+        (rmse,) = (t for t in controls.all_tests(results, preset) if t.entry.id == "rmse")
+        monkeypatch.setattr("sngr_utils.publish.prediction.SPLITS", splits)
+        rngs = map(np.random.default_rng, range(seeds))
+        found[preset] = [rmse.cloud.accepts(rmse.values[None], rng=rng)[0] for rng in rngs]
+    assert not any(found["C"])
+    assert 0 < np.mean(found["A"]) < 1
+
+
 def test_the_order_of_a_series_matters(tests):
     found = controls.shares(controls.testable(tests), NumberTest.shuffled)
     assert len(found) >= 5

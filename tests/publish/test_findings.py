@@ -8,9 +8,10 @@ import pytest
 import yaml
 from stored_results import RESULTS, value, worlds
 
-from sngr_utils import paths
+from sngr_utils import full_sngr, paths
 from sngr_utils.experiments import studies
 from sngr_utils.metrics import summaries
+from sngr_utils.publish import rules
 
 
 def change(preset, p):
@@ -27,6 +28,28 @@ def test_refinement_changes_little_and_under_c_at_the_most_noise_for_the_better(
     assert p_value < 0.05 / 9  # of nine tests: three presets, three levels
     assert np.median(after - before) == pytest.approx(-0.005, abs=0.004)  # half a centimetre
     assert (change("C", "0.3") <= 0.05).all()
+
+
+def test_in_sixty_other_worlds_it_helps_more_often_than_it_harms():
+    """Sampled by the fast path. About two in three of those that change, by millimetres.
+
+    A fair coin gives as many with a probability of .015.
+    """
+    change = []
+    for seed in (*range(9500, 9530), *range(9600, 9630)):
+        refined = full_sngr.run_level(full_sngr.Config(seed=seed, engine="fast"), 0.3)
+        change.append(refined.pose_rmse - refined.baseline.pose_rmse)
+    less, more, _ = summaries.sign_test(np.array(change))
+    assert 0.6 < less / (less + more) < 0.75
+    assert -0.005 < np.median(change) < 0  # m
+
+
+def test_in_most_worlds_refinement_moves_the_error_by_less_than_a_twentieth():
+    """At both levels where the paper says so; README and abstract. Under A and B in nearly all."""
+    for preset in "ABC":
+        moved = np.abs([change(preset, p) for p in ("0.2", "0.3")]).max(axis=0)
+        low, _ = rules.share_interval(moved <= 0.05)
+        assert low > (0.5 if preset == "C" else 0.8)
 
 
 @pytest.mark.parametrize(("preset", "p"), [
@@ -51,19 +74,12 @@ def test_one_world_gets_worse_by_a_fifth():
 
 @pytest.mark.parametrize(("preset", "mostly"), [("A", True), ("B", True), ("C", False)])
 def test_silent_on_clean_data_and_blind_at_small_p(preset, mostly):
+    """None of these is blind under C; of 55 others, of seeds from 9500 on, two were."""
     silent = worlds(f"audit.{preset}.p0.tau3.96.triggered") == 0
     recall = worlds(f"audit.{preset}.p0.1.tau3.96.recall")
     blind = recall[np.isfinite(recall)] == 0
     for share in (silent.mean(), blind.mean()):
         assert share > 0.5 if mostly else share == 0
-
-
-def test_readings_differ_beyond_chance_at_one_level():
-    for p in ("0", "0.1", "0.2", "0.3", "0.4"):
-        difference = worlds(f"audit.B.p{p}.pose_rmse") - worlds(f"audit.C.p{p}.pose_rmse")
-        less, more, p_value = summaries.sign_test(difference)
-        assert (p_value < 0.05) == (p == "0.3"), p
-        assert p != "0.3" or less > more
 
 
 @pytest.mark.parametrize("p", ["0.4"])

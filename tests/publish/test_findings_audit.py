@@ -61,13 +61,20 @@ def test_under_c_nothing_could_refute_the_triggers_at_the_most_noise():
     assert worlds("audit.C.p0.1.tau3.96.triggered").min() == 11
 
 
+@pytest.mark.parametrize("preset", READINGS)
+def test_over_thirty_worlds_too_the_score_is_uninformative_at_the_highest_p(preset):
+    """As chapter 2 finds of five."""
+    assert abs(entry("auc", row_of(preset, P[-1]), 3) - 0.5) < 0.1
+
+
 def test_scores_rank_within_a_world_and_not_over_worlds():
     for p in P[1:]:
         within = {preset: entry("auc", row_of(preset, p), 4) for preset in READINGS}
         for preset in READINGS:
             assert 1 / 3 < entry("auc", row_of(preset, p), 3) < 2 / 3
             assert within[preset] > entry("auc", row_of(preset, p), 3)
-            assert preset == "B" or within[preset] > within["B"]
+            assert within[preset] > 0.5
+            assert preset == "B" or within[preset] > within["B"]  # of these worlds, not of others
             assert preset == "B" or entry("auc", row_of(preset, p), 4, 2) > 0.5
 
 
@@ -90,7 +97,6 @@ def test_most_of_the_precision_under_c_is_the_base_rate(p):
     row = row_of("C", p)
     assert entry("detection", row, 4) > 0.8
     assert 0 < entry("detection", row, 6) < 0.1
-    assert entry("detection", row_of("A", p), 6) > 3 * entry("detection", row, 6)
     assert (worlds(f"audit.A.p{p}.tau3.96.triggered") == 0).mean() > 2 / 3  # where it seldom fires
 
 

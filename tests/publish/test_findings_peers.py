@@ -113,10 +113,9 @@ def test_most_that_forget_lose_single_worlds_from_the_grid_and_who_reassigns_har
     assert all(lost(method, "grid") <= 0.1 for method in REASSIGN)
 
 
-def test_fastslam_is_like_cauchy_in_the_median_and_loses_more_worlds_than_who_reassigns():
+def test_fastslam_is_no_better_than_cauchy_in_the_median_and_loses_more_worlds_than_em():
     for p in LEVELS[1:]:
-        apart = median("fastslam", p, "ratio") - median("cauchy", p, "ratio")
-        assert abs(apart) < 0.05
+        assert median("fastslam", p, "ratio") > median("cauchy", p, "ratio") - 0.01
         wide, other = (
             summaries.median_and_interval(pd.Series(worlds(method, p, "ratio")))
             for method in ("fastslam", "cauchy")

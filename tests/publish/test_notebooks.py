@@ -2,6 +2,7 @@
 
 import ast
 import re
+import tomllib
 
 import nbformat
 import pytest
@@ -23,8 +24,9 @@ def code_cells(name):
 
 
 def test_all_are_there():
-    assert len(NAMES) == 11
     assert notebooks.names() == NAMES
+    limits = tomllib.loads((paths.ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert [*NAMES, "all"] == list(limits["tool"]["reading"]["minutes"])
 
 
 def test_every_code_cell_has_run_in_order_without_error_or_stderr(name):

@@ -34,6 +34,12 @@ def test_most_entries_have_a_doi():
 
 
 @pytest.mark.parametrize("key", ENTRIES)
+def test_an_entry_can_be_found_or_says_that_it_has_no_address(key):
+    """A DOI, else an address, else the number of a book, else that none is known."""
+    assert re.search(r"^\s*(doi|url|isbn)\s*= |no DOI known", ENTRIES[key], re.MULTILINE)
+
+
+@pytest.mark.parametrize("key", ENTRIES)
 def test_an_entry_says_who_what_and_when(key):
     fields = set(re.findall(r"(?:^|, )\s*(\w+)\s*= ", ENTRIES[key], re.MULTILINE))
     assert {"author", "title", "year"} <= fields
