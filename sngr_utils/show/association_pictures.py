@@ -97,7 +97,7 @@ def film(frames: Iterable) -> Film:
 
 def _pictures(frames: Iterable) -> Iterator[tuple[str, Figure]]:
     for frame in frames:
-        fig, ax = style.figure(3.4, 4.2)
+        fig, ax = style.figure(3.5, 4.5)
         draw_frame(ax, frame)
         fig.legend(handles=film_legend(), loc="outside lower center", ncols=2)
         known = np.isfinite(frame.landmarks[:, 0]).sum()
