@@ -366,6 +366,7 @@ def test_clutter_makes_exclusion_spoil_more_than_it_gains_at_a_perfect_map():
         (r"\$p\$-value below (0\.\d+)\)", (diagnosis.RARE,)),
         (r"less than \$\\ln (\d+)\$~nats", (np.exp(diagnosis.LEAST_RIVAL),)),
         (r"squared residuals are more than (\d\.\d) times", (diagnosis.MOST_RESIDUAL,)),
+        (r"or less than (\d\.\d) times", (diagnosis.LEAST_RESIDUAL,)),
     ],
 )
 def test_paper_and_supplement_have_the_numbers_of_the_method(words, numbers):
@@ -383,3 +384,4 @@ def test_and_the_numbers_that_they_have_in_words():
     assert (mirrors.MOST, mirrors.TRUSTED, localisation.ENOUGH_MASS) == (6, 0.5, 0.9)
     assert (misfit.LEAST_SIZE, calibration.MORE) == (0.25, 1.25)
     assert (diagnosis.HELD_OUT, diagnosis.MOST_UNEXPLAINED) == (10, 0.5)
+    assert diagnosis.LEAST_EXTENT == 2
