@@ -79,9 +79,9 @@ def maps(lesson):
     return of
 
 
-def test_six_starts_of_forty_end_in_the_likeliest_map(maps):
+def test_five_starts_of_forty_end_in_the_likeliest_map(maps):
     heights = np.array([height for *_, height in maps("Plaza1", 240)])
-    assert (np.sum(heights > heights[0] - 1), len(heights)) == (6, 40)
+    assert (np.sum(heights > heights[0] - 1), len(heights)) == (5, 40)
 
 
 def test_its_radios_stand_where_they_were_surveyed(maps):

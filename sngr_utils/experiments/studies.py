@@ -31,7 +31,7 @@ from sngr_utils.experiments import (
 from sngr_utils.experiments.many_worlds import map_worlds
 
 FOLDER = paths.PAPER / "studies"
-PLAZA, ONLINE = range(7200, 7205), range(7450, 7455)  # seeds of wrong labels
+PLAZA, ONLINE = range(7500, 7505), range(7460, 7465)  # seeds of wrong labels
 SHARE, FEWEST = 0.02, 5  # of the cells that are run again, and how many at least
 
 

@@ -93,7 +93,9 @@ def record(rows: pd.DataFrame, to: report.Report) -> None:
     to.value("worlds.others_doubted", (~lost & doubted).sum(), ".0f")
     missed = (rows["at_truth"] <= LOST) & (rows["behind"] > 1.0)
     to.value("worlds.lost_by_search", (lost & missed).sum(), ".0f")
-    to.value("worlds.overconfident", (rows["nees"] > OVERCONFIDENT).sum(), ".0f")
+    overconfident = rows["nees"] > OVERCONFIDENT
+    to.value("worlds.overconfident", overconfident.sum(), ".0f")
+    to.value("worlds.overconfident_doubted", (overconfident & doubted).sum(), ".0f")
     straight = rows[rows["kind"] == "straight"]
     to.value("worlds.straight.likelier_sides", straight["sides_likelier"].mean(), ".2f")
     to.value("worlds.straight.gain", straight["sides_gain"].max(), ".0f")

@@ -3,8 +3,9 @@
 The log likelihood of the sigmas is that of the data with poses and landmarks integrated out, to
 second order about the estimate. A sigma is right where the squared residuals that the estimate
 leaves, and the spread it leaves open, add up to what the sigma says. Of little data that is often
-zero, which no odometry has. So one residual more of position and one of heading count as seen,
-of the size that the log tells: a prior, scaled inverse chi-square of one degree of freedom.
+zero, which no odometry has. So the sigma of all steps has a prior, for position and for heading:
+half-Cauchy, as wide as the log tells it. That counts for one residual at most, in either direction,
+so that noise which is told wrong does no harm where the data hold it.
 """
 
 from collections.abc import Mapping
@@ -104,8 +105,8 @@ def estimate(
     ValueError : fewer than three poses
 
     Source: Patterson, Thompson, Biometrika 58, 1971, on variances with what is estimated beside
-    them integrated out; MacKay, Neural Computation 4, 1992, on the rounds; Gelman et al.,
-    Bayesian Data Analysis, 2013, section 2.6, on the prior.
+    them integrated out; MacKay, Neural Computation 4, 1992, on the rounds; Gelman,
+    Bayesian Analysis 1, 2006, on the prior.
     """
     if log.n_poses < 3:
         raise ValueError(f"{log.n_poses} poses: noise needs three")
@@ -209,8 +210,8 @@ class Likelihood:
     def balance(self, sigmas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Squared residuals of each source in its sigmas, and how much they should be.
 
-        What they should be is the number of residuals less what the estimate has fitted. The one
-        residual more, of position and of heading, is shared among their sources.
+        What they should be is the number of residuals less what the estimate has fitted. The prior
+        on position and that on heading are shared by their sources.
         """
         found, chain = self.solve(sigmas), self._chain(sigmas)
         information = chain.step_information
@@ -225,7 +226,7 @@ class Likelihood:
         by_ranges = free - np.einsum("tij,tji->", information, spread) - _by_priors(chain, found)
         own = self._variances(sigmas)
         total = own.sum(axis=0)
-        seen += (own / total) @ (self.told / total)
+        seen += (own / total) @ (2 / (1 + total / self.told))
         expected += (own / total).sum(axis=1)
         return (
             np.append(seen, of_ranges),
@@ -242,7 +243,7 @@ class Likelihood:
         told = 0.5 * np.linalg.slogdet(chain.step_information)[1].sum()
         told -= chain.weights.sum() * sigmas[-1]
         total = self._variances(sigmas).sum(axis=0)
-        prior = -0.5 * np.sum(np.log(total) + self.told / total)
+        prior = np.sum(0.5 * np.log(total) - np.log1p(total / self.told))
         return float(told + prior - found.cost - 0.5 * found.log_determinant)
 
     def _covariances(self, sigmas: np.ndarray) -> np.ndarray:

@@ -42,20 +42,14 @@ def test_no_labels_are_as_good_as_right_ones():
         assert says_nothing == pytest.approx(3 / 4, abs=0.03)  # of four radios, by chance
 
 
-def test_what_fails_is_doubted_and_of_what_is_sound_the_clutter_and_one_without_names():
+def test_what_fails_is_doubted_and_of_what_is_sound_the_clutter_only():
     failed = OURS["rmse"] > 1.0
     assert failed.sum() == 2
     assert (OURS["kind"][failed] == "cut").all()
     for rows in (OURS, ONLINE[ONLINE["method"] == "online"]):
         also = rows["doubtful"].astype(bool) & ~rows["kind"].isin(["cut", "clutter"])
         assert rows[rows["kind"].isin(["cut", "clutter"])]["doubtful"].all()
-        if rows is OURS:
-            assert not also.any()
-        else:
-            (reason,) = rows[also & (rows["kind"] == "shuffled")]["reasons"]
-            assert also.sum() == 1
-            assert reason.startswith("another estimate is less likely by")
-            assert rows[also]["set"].item() == "Plaza1"
+        assert not also.any()
 
 
 def test_the_scale_is_near_that_of_the_gps_and_a_little_too_sure():
@@ -237,8 +231,7 @@ def test_huber_holds_longer_and_cauchy_loses_a_little_at_each_level():
     for name in real_data.OTHER:
         cauchy = level["cauchy", name]
         assert cauchy.is_monotonic_increasing
-        assert cauchy.loc[:0.4].max() < 0.4
-    assert level["cauchy", "Plaza2"].iloc[-1] > 10
+        assert cauchy.max() < 0.5
 
 
 def test_some_peers_are_lost_with_right_labels_and_truncated_squares_with_three_in_five():
@@ -247,10 +240,11 @@ def test_some_peers_are_lost_with_right_labels_and_truncated_squares_with_three_
         assert (rmse.loc[method].xs(0.0, level="p") > 9).all()
     assert min(rmse["em", "Plaza2", 0.0].min(), rmse.loc["dcs"].xs(0.0, level="p").min()) > 10
     squares, fast = rmse.loc["gnc_tls"], rmse.loc["gnc_tls_superlinear"]
-    for each in (squares, fast):
-        assert (each[each.index.get_level_values("p") < 0.5] < 0.3).all()
-    assert min(fast.xs(0.6, level="p").min(), squares["Plaza2", 0.6]) > 5
-    assert squares["Plaza1", 0.6] < 0.3
+    assert (squares[squares.index.get_level_values("p") < 0.5] < 0.3).all()
+    assert max(fast["Plaza1", 0.2], fast["Plaza2", 0.4]) < 0.3
+    assert (
+        min(fast["Plaza1", 0.4], *(each.xs(0.6, level="p").min() for each in (squares, fast))) > 2
+    )
     assert (rmse.loc["em"].xs("Plaza1", level="set") < 0.2).all()
     assert (rmse["cauchy"].xs(0.0, level="p") < 0.25).all()  # not all that forget are lost there
     assert (rmse.loc["isam2"].xs(0.4, level="p") > 4).all()
