@@ -6,12 +6,15 @@ SQLite commits every row by itself: a kill at any moment loses what was being co
 else, several runs may write, and anyone may read meanwhile.
 """
 
+import ast
 import dataclasses
 import functools
 import hashlib
+import io
 import json
 import sqlite3
 import sys
+import tokenize
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from contextvars import ContextVar
@@ -89,7 +92,10 @@ def key_of(task: Callable, case: tuple) -> str:
 
 
 def code_of(task: Callable) -> str:
-    """Hash of the module of a task, all modules of the package behind it, and the lock file."""
+    """Hash of the module of a task, all modules of the package behind it, and the lock file.
+
+    Of the modules their code counts: docstrings, comments and blank lines do not.
+    """
     return _code_of(task.__module__)
 
 
@@ -101,7 +107,24 @@ def _code_of(module: str) -> str:
         from sngr_utils.publish.dependencies import imported_files
 
         files = imported_files(module, [f"import {module}"])
-    return _hash(*(path.read_text() for path in [*files, paths.LOCK]))
+    return _hash(*(_code_in(path.read_text()) for path in files), paths.LOCK.read_text())
+
+
+def _code_in(text: str) -> str:
+    """The text of a module without what says nothing to Python, the same in all its versions."""
+    lines = text.splitlines()
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            row, column = token.start
+            lines[row - 1] = lines[row - 1][:column]
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(
+            node
+        ):
+            told = node.body[0]
+            for row in range(told.lineno, told.end_lineno + 1):
+                lines[row - 1] = ""
+    return "\n".join(line.rstrip() for line in lines if line.strip())
 
 
 def _name(task: Callable) -> str:

@@ -80,16 +80,33 @@ def test_other_parameters_and_other_code_are_other_rows(monkeypatch):
 
 
 def test_the_code_of_a_task_is_all_that_it_imports(monkeypatch, tmp_path):
-    """An edit of the lowest module behind a task changes its code; of one it does not use, not."""
+    """An edit of the lowest module behind a task changes its code; of one it does not use, not.
+
+    Nor does a comment, or what a docstring says.
+    """
     read, task = row_store.Path.read_text, isam2_over_worlds.run_sweep
     before = row_store.code_of(task)
-    for name, same in (("trigger.py", False), ("environment.lock", False), ("em.py", True)):
+    for name, more, same in (
+        ("trigger.py", "0\n", False), ("environment.lock", "#\n", False), ("em.py", "0\n", True),
+        ("trigger.py", "\n# a word\n", True),
+        ("trigger.py", '\ndef of():\n    """A word."""\n', False),
+    ):  # fmt: skip
         row_store._code_of.cache_clear()
-        edited = lambda p, name=name: read(p) + ("#" if p.name == name else "")  # noqa: E731
+        edited = lambda p, name=name, more=more: read(p) + more * (p.name == name)  # noqa: E731
         monkeypatch.setattr(row_store.Path, "read_text", edited)
         assert (row_store.code_of(task) == before) == same
         monkeypatch.undo()
     row_store._code_of.cache_clear()
+
+
+def test_of_a_module_its_code_counts_and_not_its_words():
+    text = (
+        '''"""Words."""\nX = "#1"  # one\n\ndef f(a):\n    """More\n    words."""\n    return a\n'''
+    )
+    other = '''"""Other."""\n# words\nX = "#1"\ndef f(a):\n    """Less."""\n    return a  # a\n'''
+    assert row_store._code_in(text) == 'X = "#1"\ndef f(a):\n    return a'
+    assert row_store._code_in(text) == row_store._code_in(other)
+    assert row_store._code_in(text.replace("#1", "#2")) != row_store._code_in(text)
 
 
 KILLED = """
