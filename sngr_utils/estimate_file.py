@@ -106,8 +106,8 @@ def _in_names(text: str, recording: Recording) -> str:
 def summary(recording: Recording, grown: GrownMap) -> list[str]:
     """Lines on what was found, and on whether it can be trusted."""
     log, soft, noise = recording.log, grown.soft, grown.noise
-    told = calibration.of(noise.log).after(soft.calibration).corrected(noise.log)
-    needed = ~rivals.dispensable(told, soft)
+    corrected = calibration.of(noise.log).after(soft.calibration).corrected(noise.log)
+    needless = rivals.dispensable(corrected, soft) & (log.n_landmarks > 1)
     parts = (log.n_poses, "pose"), (len(log.ranges), "range"), (log.n_landmarks, "landmark")
     lines = [", ".join(f"{n} {what}{'s' * (n != 1)}" for n, what in parts)]
     covariance = noise.estimate.covariance.landmarks
@@ -115,7 +115,7 @@ def summary(recording: Recording, grown: GrownMap) -> list[str]:
         sigma = np.sqrt(np.trace(covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]) / 2)
         x, y = soft.landmarks[k]
         place = f"at {x:.2f}, {y:.2f} m, +- {sigma:.2f} m" if np.isfinite(x) else "is not found"
-        hardly = "" if needed[k] else ", or nowhere: other landmarks explain its ranges as well"
+        hardly = ", or nowhere: other landmarks explain its ranges as well" * bool(needless[k])
         lines.append(f"landmark {name} {place}{hardly}")
     if log.n_landmarks > 1 and not naming.have_labels(log) and np.isnan(log.landmark_sigmas).any():
         lines.append("no range says which landmark it is from: which name is whose is arbitrary")
@@ -139,8 +139,11 @@ def summary(recording: Recording, grown: GrownMap) -> list[str]:
     if truth is not None and truth.poses is not None:
         rmse = aligned_rmse(soft.poses[:, :2], truth.poses[:, :2])
         lines.append(f"aligned RMSE against the truth {rmse:.3f} m")
-    lines += [f"IT MAY BE WRONG: {_in_names(doubt, recording)}" for doubt in grown.doubts]
-    return lines + ["nothing speaks against it"] * (not grown.doubts)
+    doubts, open_names = [*grown.doubts], naming.exchanged(corrected, soft)
+    if open_names.any():
+        doubts.append(f"labels exchange landmarks {np.flatnonzero(open_names).tolist()} for a time")
+    lines += [f"IT MAY BE WRONG: {_in_names(doubt, recording)}" for doubt in doubts]
+    return lines + ["nothing speaks against it"] * (not doubts and not needless.any())
 
 
 def _calibration(grown: GrownMap) -> list[tuple[str, float, float]]:

@@ -1,4 +1,7 @@
-"""Files that are written whole or not at all, whoever else writes them and wherever it ends."""
+"""Files that are written whole or not at all, whoever else writes them and wherever it ends.
+
+Of several, each one is whole; a kill between two of them leaves the others as they were.
+"""
 
 import os
 import shutil

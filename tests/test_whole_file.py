@@ -50,6 +50,8 @@ def test_two_writers_leave_one_whole_file(tmp_path):
     writers = [Process(target=_write_often, args=(path, text)) for text in texts]
     for writer in writers:
         writer.start()
+    while any(writer.is_alive() for writer in writers):
+        assert not path.exists() or path.read_text() in texts
     for writer in writers:
         writer.join()
     assert [writer.exitcode for writer in writers] == [0, 0]

@@ -35,7 +35,8 @@ CLAIM = stats.chi2.ppf(0.999, 2)  # a mode claims what its Gaussian holds at thi
 def crossing_starts(evidence: Evidence, most: int) -> np.ndarray:
     """(S, 2) crossings of every two circles, the likeliest first, no two of them near. [m]
 
-    Of more than `CROSSED` ranges, the circles of those that are least likely wrong.
+    Of more than `CROSSED` ranges, the circles of those that are least likely wrong; of equal ones
+    the first.
 
     Parameters
     ----------

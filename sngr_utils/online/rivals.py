@@ -54,6 +54,7 @@ def dispensable(log: Log, found: SoftEstimate) -> np.ndarray:
 
     One that is never in reach, or more than there are, may live on ranges of the others: what it
     gains is then small, however narrow its place. Of one that is surveyed there is no such doubt.
+    Nothing is fitted anew, so that some are not found.
     """
     doubted, whole = np.zeros(log.n_landmarks, dtype=bool), cost_of(log, found)
     prior = np.exp(association.log_prior(log, found.shares))[:, :-1]

@@ -24,7 +24,7 @@ MOST_UNEXPLAINED = 0.5  # share of the ranges: the majority must be from a landm
 RARE = 0.01  # p-value that is no chance
 POSSIBLE = 0.5  # and one that is worth a question
 VAGUE = 5.0  # range sigmas, of a prediction above which it cannot tell landmarks apart
-MOST_RESIDUAL = 1.6  # variance over what is told: sigmas that are told a fifth too small
+MOST_RESIDUAL = 1.6  # variance over what is told: range sigmas that are told a fifth too small
 LEAST_RESIDUAL = 0.5  # and too large by two fifths
 LEAST_EXTENT = 2.0  # of the way, in errors of its positions: less is standing still
 HELD_OUT = 10  # one range of so many is held out
@@ -57,7 +57,8 @@ class Diagnosis:
     rival : by how much the best other estimate is less likely, [nats]; infinite if there is none
     vague : sigma of a position, over the poses in the mean square, in range sigmas; infinite
         without ranges
-    extent : of the way, in errors of its positions; infinite where all landmarks are surveyed
+    extent : of the way, in errors of its positions; infinite without a landmark that is found and
+        not surveyed
     reasons : in words; empty if there is no doubt
     """
 

@@ -54,8 +54,9 @@ def exchanged(log: Log, soft: SoftEstimate) -> np.ndarray:
     """(K,) bool, landmarks that labels call by another one's name for a part of the run.
 
     Along a landmark's ranges, a label of the other one speaks for that name and its own against
-    it, by the odds of `names_open`. Where the name is wrong, a stretch that speaks for it by x nats
-    begins at a range with a chance of e^-x at most.
+    it, by the odds of `names_open`. Where the other name is wrong, a stretch that speaks for it by
+    x nats begins at a range with a chance of e^-x at most, so that names of a log which is as it
+    says are doubted with a chance below 1/99. Ranges count as they are assigned.
 
     Source: Page, Biometrika 41, 1954, on the largest sum of a stretch.
     """

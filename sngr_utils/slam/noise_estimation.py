@@ -3,9 +3,10 @@
 The log likelihood of the sigmas is that of the data with poses and landmarks integrated out, to
 second order about the estimate. A sigma is right where the squared residuals that the estimate
 leaves, and the spread it leaves open, add up to what the sigma says. Of little data that is often
-zero, which no odometry has. So the sigma of all steps has a prior, for position and for heading:
-half-Cauchy, as wide as the log tells it. That counts for one residual at most, in either direction,
-so that noise which is told wrong does no harm where the data hold it.
+zero, which no odometry has. So the sigma of all steps has a prior, for position and for heading,
+half-Cauchy and as wide as the log tells it; and what is largest is the density of its logarithm.
+The prior counts for one residual at most, so that noise which is told wrong does no harm where the
+data hold it; where they do not, it stays near what is told.
 """
 
 from collections.abc import Mapping
@@ -152,7 +153,7 @@ def step_covariances(sigmas: Mapping[str, float], odometry: np.ndarray) -> np.nd
 
 
 class Likelihood:
-    """The likelihood of the logarithms of the sigmas, poses and landmarks integrated out."""
+    """Of the logarithms of the sigmas, poses and landmarks integrated out; with the prior."""
 
     def __init__(
         self,

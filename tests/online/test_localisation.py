@@ -133,7 +133,7 @@ def test_starts_are_apart_and_the_likeliest_first():
 
 
 def test_of_many_ranges_the_likeliest_are_crossed(monkeypatch):
-    """A scan of 24 ranges, each of any of 24 landmarks: 576 circles, 165,600 crossings of two."""
+    """A scan of 24 ranges, each of any of 24 landmarks: 576 circles, 165,600 pairs of circles."""
     rng, n, crossed = np.random.default_rng(100), 24, []
     landmarks, robot = rng.uniform(-10, 10, (n, 2)), np.array([1.0, -2.0])
     ranges = np.linalg.norm(landmarks - robot, axis=1) + rng.normal(0, 0.1, n)
