@@ -40,7 +40,7 @@ def test_a_circle_for_each_world_and_five_numbers(tmp_path):
     found = {key: entry["value"] for key, entry in handed_on(to).items()}
     assert found == {
         "worlds.n": 3, "worlds.lost": 1, "worlds.lost_doubted": 1, "worlds.others_doubted": 1,
-        "worlds.lost_by_search": 1, "worlds.overconfident": 1,
+        "worlds.lost_by_search": 1, "worlds.overconfident": 1, "worlds.overconfident_doubted": 1,
         "worlds.straight.likelier_sides": 0.45, "worlds.straight.gain": 2.0,
     }  # fmt: skip
 
