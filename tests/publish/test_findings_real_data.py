@@ -187,6 +187,7 @@ def test_nested_sampling_is_hardly_asked_and_adds_nothing():
     hard = DRIVEN[DRIVEN["p"] == 0.6].groupby("set")
     assert 0 < asked.max() < 10  # of some two thousand poses and more
     assert entry("real_stretch", 7, 2) == 0  # on the stretch that the notebook drives
+    assert entry("real_stretch", 2, 2) > 2 * entry("real_stretch", 1, 2)
     provoked = ONLINE[(ONLINE["kind"] != "labels") & (ONLINE["method"] == "online")]
     few = provoked[["landmark_samples", "position_samples"]].sum(axis=1)
     assert 0 < few.max() < 50
