@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
 from sngr_utils.publish import cells, report
-from sngr_utils.show import style
+from sngr_utils.show import methods, style
 from sngr_utils.show.common import draw_ellipse, legend_above
 from sngr_utils.start_here import LANDMARKS, POSES, Drive
 
@@ -16,13 +16,15 @@ LOOKS = [(style.ESTIMATE, "--"), (style.LANDMARK, "-."), (style.TRUTH, "-")]
 
 
 def draw_scene(ax: Axes, drive: Drive) -> None:
-    """The drive as it was, the odometry added up, and a line for each range."""
+    """The drive as it was, dead reckoning, and a line for each range."""
     for pose, label in zip(drive.pose_of, drive.label_of, strict=True):
         ends = np.transpose([POSES[pose], LANDMARKS[label]])
-        ax.plot(*ends, ":", color=style.PRINTED, lw=0.8, zorder=1)
-    ax.plot([], [], ":", color=style.PRINTED, lw=0.8, label="a measured range")
-    ax.plot(*POSES.T, "-o", color=style.TRUTH, label="the robot's way")
-    ax.plot(*drive.dead_reckoning.T, "--x", color=style.ESTIMATE, ms=4, label="odometry added up")
+        ax.plot(*ends, "-", color=style.PRINTED, lw=0.5, zorder=1)
+    ax.plot([], [], "-", color=style.PRINTED, lw=0.5, label="a measured range")
+    ax.plot(*POSES.T, "-o", color=style.TRUTH, label="truth")
+    reckoned = methods.METHODS["dead_reckoning"]
+    look = {"ls": reckoned.dash, "color": reckoned.colour, "label": reckoned.name}
+    ax.plot(*drive.dead_reckoning.T, marker="x", ms=5, **look)
     ax.plot(*LANDMARKS.T, **style.TRUE_LANDMARK, label="landmarks")
     _metres(ax)
     legend_above(ax, ncols=4)
