@@ -56,7 +56,8 @@ class Settings(Checked):
     swap : a range may be assigned to another landmark than its label's, not only dropped
     sweep : earlier ranges are assigned anew at every step
     restart : in trouble, EM over all data so far is tried, and adopted where it is likelier; at
-        the end other estimates of all data are
+        the end other estimates of all data are. Without it there is nothing that the result is
+        held against but mirror images
     doubt_odometry : a scan may overrule the odometry
     soft : what is read out at the end, estimate and covariance, admits that associations are
         uncertain; else those of the graph, which takes them for certain
@@ -397,8 +398,10 @@ class Online:
         log, told, poses, _ = belief.whole()
         ours = rivals.rival(log, told, self._fit(log, (poses, belief.landmarks), 1.0))
         by_slips = settings.restart and settings.doubt_odometry
-        others = rivals.against(log, told, ours.found, self._fit, by_slips)
-        before = self._likelier(ours, others + rivals.grown(log, told, self._fit))
+        before, others = ours, []
+        if settings.restart:
+            others = rivals.against(log, told, ours.found, self._fit, by_slips)
+            before = self._likelier(ours, others + rivals.grown(log, told, self._fit))
         if by_slips:
             before, made = rivals.reconsidered(before, told, self._fit)
             others += made
@@ -406,9 +409,10 @@ class Online:
         best = self._likelier(before, sides)
         turned = belief.counts["landmarks turned over"]
         self._adopt(best.log, told, best.found)
-        others += other_sources.with_another_source(
-            belief, best, told, self._fit, settings.exclusive
-        )
+        if settings.restart:
+            others += other_sources.with_another_source(
+                belief, best, told, self._fit, settings.exclusive
+            )
         last = self._likelier(best, others)
         if last is not best:
             best, turned = last, belief.counts["landmarks turned over"]

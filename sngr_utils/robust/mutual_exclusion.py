@@ -20,6 +20,7 @@ MANY, TOO_MANY = 9, 64  # open landmarks whose work is felt, and what stands for
 
 PLAUSIBLE = 1e-16  # weight, against a range's largest, above which a pair is looked at first
 EXACT = 1e-14  # share of the matchings that may be overlooked, where no more must be
+RESCALED = 4  # rows after which weights are made to sum to one: at e^-50 each, none is lost
 
 
 def exclusive_posterior(log_weights: np.ndarray, scan_of: np.ndarray | None = None) -> np.ndarray:
@@ -158,31 +159,32 @@ def _matchings(weights, plan, found):
     (n, columns), size = weights.shape, 1 << plan.n_open
     k, log_total = columns - 1, 0.0
     bits, shared = np.empty(k, np.int64), np.empty(k)  # of the landmarks that a row competes for
-    before = np.empty((n + 1, size))  # weight of the first i rows on the subset s, of sum 1
+    before = np.empty((n + 1, size))  # weight of the first i rows on the subset s, to a factor
     before[0, 0], before[0, 1:] = 1.0, 0.0
     for i in range(n):
         now, then = before[i], before[i + 1]
         rivals, alone = _options(weights, plan, plan.order[i], bits, shared)
         for s in range(size):
             then[s] = now[s] * alone
-        for c in range(rivals):  # all subsets without its bit: those in the lower half of a block
+        for c in range(rivals):
             bit, share = bits[c], shared[c]
-            for block in range(0, size, 2 * bit):
-                for s in range(block, block + bit):
-                    then[s + bit] += now[s] * share
+            for s in range(size):
+                if s & bit:
+                    then[s] += now[s ^ bit] * share
         closed, bit = _closed(plan, i), 1
         while bit <= closed:
             if closed & bit:  # whether it was taken matters no more
-                for block in range(0, size, 2 * bit):
-                    for s in range(block, block + bit):
-                        then[s] += then[s + bit]
-                        then[s + bit] = 0.0
+                for s in range(size):
+                    if s & bit:
+                        then[s ^ bit] += then[s]
+                        then[s] = 0.0
             bit *= 2
-        total = then.sum()
-        if total == 0.0:
-            return -math.inf
-        then /= total
-        log_total += math.log(total)
+        if i % RESCALED == 0 or i == n - 1:
+            total = then.sum()
+            if total == 0.0:
+                return -math.inf
+            then /= total
+            log_total += math.log(total)
     after, earlier = np.ones(size), np.empty(size)  # of later rows, if the subset s is taken
     sums = np.empty(k)
     for i in range(n - 1, -1, -1):
@@ -191,27 +193,30 @@ def _matchings(weights, plan, found):
         closed, bit = _closed(plan, i), 1
         while bit <= closed:
             if closed & bit:
-                for block in range(0, size, 2 * bit):
-                    for s in range(block, block + bit):
-                        after[s + bit] = after[s]
+                for s in range(size):
+                    if s & bit:
+                        after[s] = after[s ^ bit]
             bit *= 2
         for s in range(size):
             free += now[s] * after[s]
             earlier[s] = alone * after[s]
         for c in range(rivals):
             bit, share, total = bits[c], shared[c], 0.0
-            for block in range(0, size, 2 * bit):
-                for s in range(block, block + bit):
-                    total += now[s] * after[s + bit]
-                    earlier[s] += share * after[s + bit]
+            for s in range(size):
+                if not s & bit:
+                    if_taken = after[s | bit]
+                    total += now[s] * if_taken
+                    earlier[s] += share * if_taken
             sums[c] = share * total
         _spread(weights, plan, row, free, sums, found)
-        largest = 0.0
-        for s in range(size):
-            if now[s] > 0.0:
-                largest = max(largest, earlier[s])
-        for s in range(size):
-            after[s] = earlier[s] / largest if now[s] > 0.0 else 0.0
+        after, earlier = earlier, after
+        if i % RESCALED == 0:
+            largest = 0.0
+            for s in range(size):
+                if now[s] > 0.0:
+                    largest = max(largest, after[s])
+            for s in range(size):
+                after[s] = after[s] / largest if now[s] > 0.0 else 0.0
     return log_total
 
 
