@@ -28,7 +28,6 @@ class Config(ManyWorlds):
     n_seeds : worlds
     p_levels : shares of wrong associations
     p_peers : those, among p_levels, at which the peers run too
-    n_ablation, p_ablation : worlds and levels of the variants, among those of the method itself
     n_slip, p_slip, slip_steps, slip_sigma : worlds with slips of the odometry
     p_film : share of wrong associations, among p_peers, of the run that is drawn, and at which
         all are compared pose by pose
@@ -39,8 +38,6 @@ class Config(ManyWorlds):
     n_seeds: Annotated[int, Field(ge=2)] = 30
     p_levels: Levels = [0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5]
     p_peers: Levels = [0.1, 0.2, 0.3, 0.4, 0.5]
-    n_ablation: Annotated[int, Field(ge=2)] = 10
-    p_ablation: Levels = [0.4]
     n_slip: Annotated[int, Field(ge=2)] = 20
     p_slip: Probability = 0.3
     slip_steps: Annotated[int, Field(ge=1)] = 4
@@ -53,11 +50,6 @@ class Config(ManyWorlds):
             raise ValueError(f"p_peers is {self.p_peers}: all must be among p_levels, one above 0")
         if self.p_film not in self.p_peers:
             raise ValueError(f"p_film is {self.p_film}: it must be among p_peers")
-        if not set(self.p_ablation) <= set(self.p_levels) or self.n_ablation > self.n_seeds:
-            raise ValueError(
-                f"p_ablation is {self.p_ablation}, n_ablation {self.n_ablation}: they must be among"
-                f" p_levels, and at most n_seeds, which is {self.n_seeds}"
-            )
         if self.slip_steps >= self.n_poses:
             raise ValueError(f"slip_steps is {self.slip_steps}: there are {self.n_poses - 1} steps")
         if self.n_poses <= FRAMES[-2]:
@@ -90,29 +82,6 @@ def run(config: Config) -> pd.DataFrame:
     newest = filtered_errors.run(*given, config.p_film, seeds, config.jobs)
     runs = filtered_errors.relative(runs, newest)
     return runs.sort_values("p", kind="stable", ignore_index=True)
-
-
-def run_ablation(config: Config, runs: pd.DataFrame) -> pd.DataFrame:
-    """Every part switched off by itself, with (column nets) and without the safety nets of EM.
-
-    Parameters
-    ----------
-    runs : of `run`, which has the method itself and the oracle in the same worlds
-    """
-    import pandas as pd
-
-    from sngr_utils.experiments import estimators, online_variants
-
-    levels, seeds = config.p_ablation, config.seeds(config.n_ablation)
-    given, name = (config.scenario, PRESETS[READING]), online_variants.NAME
-    tables = []
-    for nets in (True, False):
-        asked = {n: s for n, s in online_variants.variants(nets).items() if n != name or not nets}
-        found = online_variants.run_variants(*given, asked, levels, seeds, config.jobs)
-        tables.append(found.assign(nets=nets))
-    here = runs.loc[runs["p"].isin(levels) & runs["seed"].isin(seeds), found.columns]
-    tables += [here[here["method"] == name].assign(nets=True), here[here["method"] == "oracle"]]
-    return estimators.relative_to_oracle(pd.concat(tables, ignore_index=True))
 
 
 def run_slips(config: Config) -> pd.DataFrame:

@@ -18,7 +18,6 @@ CONFIG = association_aware.Config(
     n_seeds=2,
     p_levels=[0.0, 0.4],
     p_peers=[0.4],
-    n_ablation=2,
     n_slip=2,
     jobs=1,
     n_poses=16,
@@ -183,25 +182,6 @@ def ablation(runs):
     ours = runs[(runs["method"] == online_variants.NAME) & (runs["p"] == 0.4)]
     parts = [(name, nets) for name in online_variants.PARTS for nets in (True, False)]
     return pd.concat([ours.assign(method=name, nets=nets) for name, nets in parts])
-
-
-def test_the_method_itself_is_not_run_again_for_its_variants(runs, monkeypatch):
-    """Its rows, and the oracle's, are those of the same worlds; each variant stands in each."""
-    asked = []
-
-    def recorded(scenario, conventions, settings, *rest):
-        asked.append(set(settings))
-        ours = runs[(runs["method"] == online_variants.NAME) & (runs["p"] == 0.4)]
-        ours = ours.drop(columns=["ratio", "landmark_ratio", "oracle_rmse"])
-        return pd.concat([ours.assign(method=name) for name in settings])
-
-    monkeypatch.setattr(online_variants, "run_variants", recorded)
-    found = association_aware.run_ablation(CONFIG, runs)
-    assert asked == [set(online_variants.PARTS) - {online_variants.NAME}, set(online_variants.PARTS)]
-    parts = found[found["method"] != "oracle"]
-    assert (parts.groupby(["method", "nets"])["seed"].nunique() == CONFIG.n_ablation).all()
-    assert len(parts) == 2 * len(online_variants.PARTS) * CONFIG.n_ablation
-    assert (found.loc[found["method"] == "oracle", "ratio"] == 1).all()
 
 
 def test_what_is_recorded_is_what_was_run(runs, ablation, tmp_path):

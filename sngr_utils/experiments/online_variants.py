@@ -16,12 +16,14 @@ from sngr_utils.online.belief import Belief
 from sngr_utils.online.data_association import DROPPED
 from sngr_utils.online.estimator import OnlineEstimate, Settings
 from sngr_utils.robust.diagnosis import DoubtWarning
+from sngr_utils.settings import READING
 from sngr_utils.slam import isam2
-from sngr_utils.slam.conventions import Conventions
+from sngr_utils.slam.conventions import PRESETS, Conventions
 from sngr_utils.world import simulation, variations
 from sngr_utils.world.scenario import Scenario
 
 NAME = "online"  # of the method itself, among its variants
+ABLATION_P = 0.4  # wrong associations in the worlds of `ablation`
 STREAM, SLIPS, FILM = 80, 81, 82  # of random numbers, beside the seed of the world
 COUNTS = (
     "landmark questions", "position questions", "landmark samples", "position samples",
@@ -73,6 +75,22 @@ def run_variants(
     """
     cases = [(scenario, conventions, settings, p, seed) for p in p_levels for seed in seeds]
     return pd.DataFrame(map_rows(_variants_of_one, cases, jobs))
+
+
+def ablation(seed: int) -> list[dict]:
+    """Every part switched off by itself, with and without the safety nets, in one world.
+
+    Returns
+    -------
+    a row for each variant: method, nets, p, seed and ratio, its pose RMSE over the oracle's
+    """
+    given, rows = (Scenario(), PRESETS[READING]), []
+    for nets in (True, False):
+        found = run_variants(*given, variants(nets), [ABLATION_P], [seed], jobs=1)
+        rows.append(found[["method", "p", "seed", "pose_rmse"]].assign(nets=nets))
+    oracle = estimators.compare(*given, [ABLATION_P], [seed], ("oracle",), jobs=1)["pose_rmse"]
+    table = pd.concat(rows).assign(ratio=lambda runs: runs.pop("pose_rmse") / oracle[0])
+    return table.to_dict("records")
 
 
 def _variants_of_one(scenario, conventions, settings, p, seed) -> list[dict]:

@@ -21,6 +21,7 @@ from sngr_utils.experiments import (
     every_world,
     kinds_of_worlds,
     long_stream,
+    online_variants,
     peers_again,
     real_data,
     real_online,
@@ -76,6 +77,8 @@ STUDIES = {
     "long_stream": Study(long_stream.rows, [(10_000, 0.0, 100)], within=10.0),
     # and its peers of notebook 08 in worlds that nobody has looked at
     "peers_again": Study(peers_again.rows, [(seed,) for seed in range(8700, 8740)]),
+    # with each of its parts switched off
+    "ablation": Study(online_variants.ablation, [(seed,) for seed in range(9300, 9340)]),
     # with each of its constants at half and at twice its value
     "sensitivity": Study(sensitivity.rows, sensitivity.cells(range(130, 132))),
 }

@@ -8,7 +8,7 @@ from sngr_utils.experiments import peers_again
 
 def test_a_row_is_what_notebook_08_finds_in_that_world():
     config = association_aware.Config(
-        first_seed=101, n_seeds=2, p_levels=[0.4], p_peers=[0.4], n_ablation=2, n_slip=2
+        first_seed=101, n_seeds=2, p_levels=[0.4], p_peers=[0.4], n_slip=2
     )
     runs = association_aware.run(config).set_index(["seed", "method"])["pose_rmse"]
     (row,) = peers_again.rows(102)
