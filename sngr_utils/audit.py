@@ -44,7 +44,7 @@ class Config(ManyWorlds):
     tau: Positive = 3.96
     p_refined: Levels = [0.0, 0.1, 0.2, 0.3]
     tau_refined: Positive = 3.9
-    n_corrected: Annotated[int, Field(ge=2)] = 12
+    n_corrected: Annotated[int, Field(ge=2)] = 20
     p_corrected: Levels = [0.2]
     n_robust: Annotated[int, Field(ge=2)] = 10
     p_robust: Levels = [0.0, 0.2, 0.4]

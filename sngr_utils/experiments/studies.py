@@ -17,6 +17,7 @@ import pandas as pd
 
 from sngr_utils import paths, whole_file
 from sngr_utils.experiments import (
+    all_windows,
     authors_over_worlds,
     every_world,
     kinds_of_worlds,
@@ -77,7 +78,9 @@ STUDIES = {
     "long_stream": Study(long_stream.rows, [(10_000, 0.0, 100)], within=10.0),
     # and its peers of notebook 08 in worlds that nobody has looked at
     "peers_again": Study(peers_again.rows, [(seed,) for seed in range(8700, 8740)]),
-    # with each of its parts switched off
+    # every window of the paper's world by dynesty, those that do not trigger too
+    "all_windows": Study(all_windows.rows, all_windows.CELLS, within=1e-3, times=("seconds",)),
+    # the online estimator with each of its parts switched off
     "ablation": Study(online_variants.ablation, [(seed,) for seed in range(9300, 9340)]),
     # with each of its constants at half and at twice its value
     "sensitivity": Study(sensitivity.rows, sensitivity.cells(range(130, 132))),

@@ -93,6 +93,26 @@ def _with_quartiles(values: np.ndarray, fmt: str) -> cells.Cell:
     return cells.with_interval(float(values.mean()), *np.quantile(values, [0.25, 0.75]), fmt)
 
 
+def all_windows_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """The study of all windows: calls, the saving by all and by every third, dynesty's log Z."""
+    from sngr_utils.experiments.refinement_cost import EVERY
+
+    table = []
+    for p, one in rows.groupby("p"):
+        calls, fired = one["calls"].to_numpy(float), one["fired"].to_numpy(bool)
+        selected, others = calls[fired], calls[~fired]
+        by_third = selected.sum() + len(others) * others[::EVERY].mean()
+        mean, reach = one["error"].mean(), 1.96 * standard_error.standard_error(one["error"])
+        table.append([
+            t(p, "g"), int(fired.sum()), t(selected.mean(), ".0f"), t(others.mean(), ".0f"),
+            t(calls.sum() / selected.sum()), t(by_third / selected.sum()),
+            cells.with_interval(mean, mean - reach, mean + reach),
+        ])  # fmt: skip
+    heads = ["p", "that fire", "calls of one", "of another", "saving", "by every third",
+             "log Z less the reference [95 %]"]  # fmt: skip
+    return pd.DataFrame(table, columns=heads)
+
+
 def record(
     config: Config, costs: dict[float, Cost], closure: ClosureCost, to: report.Report
 ) -> None:

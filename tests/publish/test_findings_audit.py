@@ -186,8 +186,8 @@ def test_settling_moves_more_than_refining_and_the_marginal_version_harms_under_
     """Rows of `corrected`: conditional, marginal, paper, under A, B, C."""
     for first in (1, 7):
         assert abs(entry("corrected", first, 8)) < 1
-        assert -330 < entry("corrected", first, 7) < -270  # mm
-        assert entry("corrected", first, 7, 3) < 0  # the third highest of twelve
+        assert -80 < entry("corrected", first, 7) < -65  # mm
+        assert entry("corrected", first, 7, 3) > 0  # which may be chance
     for row in (1, 4, 7):
         assert entry("corrected", row, 6) < 0.01  # nothing to gain
         assert abs(entry("corrected", row + 1, 8)) < 1.5  # mm, in the median
@@ -196,24 +196,25 @@ def test_settling_moves_more_than_refining_and_the_marginal_version_harms_under_
 
 
 @pytest.mark.parametrize("preset", ["A", "C"])
-def test_settling_helps_ten_worlds_of_twelve_and_harms_two(preset):
+def test_settling_helps_fourteen_worlds_of_twenty_and_harms_six_which_may_be_chance(preset):
     """The worlds of `corrected`, settled here: the table has the median and its interval only."""
-    runs = [run_baseline(Scenario(), PRESETS[preset], 0.2, seed) for seed in range(12)]
+    runs = [run_baseline(Scenario(), PRESETS[preset], 0.2, seed) for seed in range(20)]
     moved = [
         rmse(converge(run.solution).poses[:, :2], run.world.poses[:, :2]) - run.pose_rmse
         for run in runs
     ]
     found = entry("corrected", 1 + 3 * READINGS.index(preset), 7)
     assert np.isclose(1000 * np.median(moved), found, atol=1)
-    assert (np.sign(moved) == 1).sum() == 2
-    assert (np.sign(moved) == -1).sum() == 10
+    less, more, p_value = summaries.sign_test(np.array(moved))
+    assert (less, more) == (14, 6)
+    assert p_value > 0.1
+    assert 2.7 < -min(moved) < 3  # m: nearly three
 
 
 def test_the_marginal_version_makes_some_worlds_under_c_much_worse():
     """Exercise 3: worlds, metres before, and per cent accepted, much worse and of the others."""
     worse, _, _, others, _, _ = said("05_audit", "worse = (marginal")
-    assert worse > 1
-    assert worse + others == 12
+    assert (worse, others) == (6, 14)
 
 
 @pytest.mark.parametrize("separators", ["conditional", "marginal"])
