@@ -30,6 +30,7 @@ from sngr_utils.world.simulation import World
 
 ASTRAY = 1.0  # m, from its place: a landmark on the wrong side
 KNOWN_SLIP = 100.0  # m and rad, sigma that the oracle gives to a step that slipped
+SURE = 1e-6  # share of wrong labels where all are right
 LOST = 1.35  # times the oracle's error, above which a final estimate counts as lost
 PEERS = ("cauchy", "gnc_tls", "em_exclusive")
 
@@ -39,6 +40,8 @@ def rows(kind: str, preset: str, p: float, seed: int) -> list[dict]:
 
     Of the columns, `at_truth` and `at_mode` are the errors of EM from the truth and from what was
     found, told which steps have slipped, and `behind` is by how many nats the first is likelier.
+    `filtered_right` is of the same estimator with every label right, and known to be: what a slip
+    costs until it can be seen. NaN where nothing slips.
     """
     world, sound = draw(kind, p, seed)
     conventions = PRESETS[preset]
@@ -63,6 +66,12 @@ def rows(kind: str, preset: str, p: float, seed: int) -> list[dict]:
     }
     held = found.filtered[:, :2]
     driven = {"filtered": held, "filtered_likelier": np.where(np.isnan(likelier), held, likelier)}
+    driven["filtered_right"] = held * np.nan
+    if slipped(world, unmissed).any():
+        right = replace(world, label_of=world.source_of).log(conventions.x0_sigmas)
+        rng = np.random.default_rng([seed, STREAM, 1])
+        sure = estimator.Settings(p=SURE)
+        driven["filtered_right"] = run_unwarned(right, conventions, sure, rng=rng).filtered[:, :2]
     consistency = partial(estimators.expected_nees, world, conventions)
     row = {
         "kind": kind, "preset": preset, "p": p, "seed": seed,

@@ -96,6 +96,10 @@ def record(rows: pd.DataFrame, to: report.Report) -> None:
     overconfident = rows["nees"] > OVERCONFIDENT
     to.value("worlds.overconfident", overconfident.sum(), ".0f")
     to.value("worlds.overconfident_doubted", (overconfident & doubted).sum(), ".0f")
+    for kind, slips in rows[rows["filtered_right"].notna()].groupby("kind"):
+        for name in ("filtered", "filtered_right"):
+            key = f"worlds.{kind.replace(' ', '_')}.{name}"
+            to.value(key, slips[name].median(), n=len(slips))
     straight = rows[rows["kind"] == "straight"]
     to.value("worlds.straight.likelier_sides", straight["sides_likelier"].mean(), ".2f")
     to.value("worlds.straight.gain", straight["sides_gain"].max(), ".0f")

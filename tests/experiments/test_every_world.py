@@ -47,3 +47,9 @@ def test_a_row_holds_numbers_of_a_sound_world():
     assert row["behind"] == pytest.approx(0.0, abs=0.1)
     assert row["at_mode"] == pytest.approx(row["final"], abs=0.01)
     assert row["filtered_likelier"] == pytest.approx(row["filtered"], abs=0.05)
+    assert np.isnan(row["filtered_right"])
+
+
+def test_of_a_slip_a_row_says_what_the_newest_poses_are_with_every_label_right():
+    (row,) = every_world.rows("slip 1 m", "C", 0.3, 102)
+    assert 0.9 < row["filtered_right"] < row["filtered"] + 0.05

@@ -1,3 +1,5 @@
+import math
+
 import pandas as pd
 from helpers import handed_on
 
@@ -11,6 +13,7 @@ ROWS = pd.DataFrame({
     "doubtful": [0, 1, 1], "cauchy": [1.1, 1.3, 9.0], "gnc_tls": [1.0, 1.2, 9.0],
     "em_exclusive": [1.0, 1.1, 8.0], "at_truth": [1.0, 1.0, 1.1],
     "filtered_likelier": [1.0, 1.2, 2.5], "behind": [0.0, 2.0, 2.0],
+    "filtered_right": [math.nan, math.nan, 1.5],
 })  # fmt: skip
 
 
@@ -27,21 +30,25 @@ def test_a_row_for_each_kind_says_how_many_are_lost_and_doubted():
     assert str(worlds.table(skewed)["Cauchy, median"][0]) == "1.30"
 
 
-def test_a_circle_for_each_world_and_five_numbers(tmp_path):
+def test_a_circle_for_each_world_and_its_numbers(tmp_path):
     _fig, ax = style.figure()
     worlds.draw(ax, ROWS)
     assert [label.get_text() for label in ax.get_yticklabels()] == list(worlds.cases(ROWS))
     circles = [line for line in ax.lines if line.get_marker() == "o"]
     assert sum(len(line.get_xdata()) for line in circles) == len(ROWS)
     to = report.Report("08_association_aware", tmp_path)
-    sides = {"kind": ["circle", "straight", "straight"], "sides_likelier": [0.9, 0.4, 0.5],
-             "sides_gain": [9.0, 2.0, -1.0]}  # fmt: skip
-    worlds.record(ROWS.assign(**sides), to)
+    sides = {"kind": ["circle", "straight", "straight", "slip 1 m"],
+             "sides_likelier": [0.9, 0.4, 0.5, math.nan],
+             "sides_gain": [9.0, 2.0, -1.0, math.nan]}  # fmt: skip
+    slip = ROWS[2:].assign(final=1.0, nees=2.0, doubtful=0)
+    known = pd.concat([ROWS.assign(filtered_right=math.nan), slip], ignore_index=True)
+    worlds.record(known.assign(**sides), to)
     found = {key: entry["value"] for key, entry in handed_on(to).items()}
     assert found == {
-        "worlds.n": 3, "worlds.lost": 1, "worlds.lost_doubted": 1, "worlds.others_doubted": 1,
+        "worlds.n": 4, "worlds.lost": 1, "worlds.lost_doubted": 1, "worlds.others_doubted": 1,
         "worlds.lost_by_search": 1, "worlds.overconfident": 1, "worlds.overconfident_doubted": 1,
         "worlds.straight.likelier_sides": 0.45, "worlds.straight.gain": 2.0,
+        "worlds.slip_1_m.filtered": 3.0, "worlds.slip_1_m.filtered_right": 1.5,
     }  # fmt: skip
 
 
