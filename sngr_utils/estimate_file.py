@@ -117,7 +117,7 @@ def summary(recording: Recording, grown: GrownMap) -> list[str]:
         place = f"at {x:.2f}, {y:.2f} m, +- {sigma:.2f} m" if np.isfinite(x) else "is not found"
         hardly = ", or nowhere: other landmarks explain its ranges as well" * bool(needless[k])
         lines.append(f"landmark {name} {place}{hardly}")
-    if log.n_landmarks > 1 and not naming.have_labels(log) and np.isnan(log.landmark_sigmas).any():
+    if log.n_landmarks > 1 and not naming.have_labels(log) and not log.surveyed.all():
         lines.append("no range says which landmark it is from: which name is whose is arbitrary")
     for name, value, sigma in _calibration(grown):
         lines.append(f"{name} {value:.4f} +- {sigma:.4f}")

@@ -127,7 +127,7 @@ def _rows(log: Log, poses: np.ndarray, landmarks: np.ndarray) -> Iterator[tuple]
         yield "VERTEX_XY", f"L{k}", *at
     prior = np.diag(np.square(log.x0_sigmas))[np.triu_indices(3)]
     yield "VERTEX_SE2:PRIOR", log.times[0], "A0", *log.x0_mean, *prior
-    for k in np.flatnonzero(np.isfinite(log.landmark_sigmas)):
+    for k in np.flatnonzero(log.surveyed):
         variance = log.landmark_sigmas[k] ** 2
         yield "VERTEX_XY:PRIOR", 0.0, f"L{k}", *log.landmark_means[k], variance, 0.0, variance
     for t, motion in enumerate(log.odometry):

@@ -105,9 +105,9 @@ def _table(folder: Path, name: str, required: bool = True) -> Table | None:
     must, may = COLUMNS[name]
     for column in must:
         if column not in head.fields:
-            more = " and time_s or pose" * (name == "ranges")
+            more = ", and time_s or pose" * (name == "ranges")
             raise head.refuse(
-                f"no column {column}: the header must have {','.join(must)}, by commas{more}"
+                f"no column {column}: the header, with commas, must name {', '.join(must)}{more}"
             )
     for column in head.fields:
         chance = name == "ranges" and column.startswith(CHANCE)

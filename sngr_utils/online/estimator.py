@@ -327,9 +327,8 @@ class Online:
             good &= best == log.label_of
         used, places = np.where(good, best, DROPPED), found.landmarks.copy()
         for k in range(log.n_landmarks):
-            if len(np.unique(log.pose_of[used == k])) < POSES_NEEDED and np.isnan(
-                log.landmark_sigmas[k]
-            ):
+            n_seen = len(np.unique(log.pose_of[used == k]))
+            if n_seen < POSES_NEEDED and not log.surveyed[k]:
                 places[k], used[used == k] = np.nan, DROPPED
         self.belief.adopt(log, told, found.poses, places, used)
         self.belief.in_doubt[:] = True  # until the mirror images have been tried

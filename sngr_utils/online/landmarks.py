@@ -153,6 +153,6 @@ def drop_landmarks(belief: Belief) -> None:
     used = np.bincount(label_of[named & (belief.assignment.used == label_of)], minlength=n)
     expected = (1 - belief.shares.wrong) * (1 - belief.shares.clutter) * labelled
     unused = (labelled >= YOUNG) & (used < FEWEST_USED * expected)
-    for k in np.flatnonzero(unused & belief.present & np.isnan(belief.log.landmark_sigmas)):
+    for k in np.flatnonzero(unused & belief.present & ~belief.log.surveyed):
         belief.remove(k)
         belief.counts["landmark restarts"] += 1

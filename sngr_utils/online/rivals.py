@@ -59,7 +59,7 @@ def dispensable(log: Log, found: SoftEstimate) -> np.ndarray:
     doubted, whole = np.zeros(log.n_landmarks, dtype=bool), cost_of(log, found)
     prior = np.exp(association.log_prior(log, found.shares))[:, :-1]
     from_any = prior.sum(axis=1, keepdims=True) / (1 - found.shares.clutter)
-    for k in np.flatnonzero(np.isfinite(found.landmarks[:, 0]) & np.isnan(log.landmark_sigmas)):
+    for k in np.flatnonzero(np.isfinite(found.landmarks[:, 0]) & ~log.surveyed):
         others = np.arange(log.n_landmarks) != k
         left = others * np.maximum(prior, np.finfo(float).tiny)  # its label then means any of them
         left *= from_any / np.maximum(left.sum(axis=1, keepdims=True), np.finfo(float).tiny)

@@ -117,7 +117,7 @@ def diagnose(log: Log, found: SoftEstimate, rival: float, fit: Fit) -> Diagnosis
     residuals = association.residuals(log, found.poses, found.landmarks, found.calibration)
     squared = np.nansum(found.responsibilities * (residuals / log.range_sigmas[:, None]) ** 2)
     squared += np.sum(_missed(log, found.poses) ** 2)  # as many as they set poses free
-    placed = np.isfinite(found.landmarks[:, 0]) & ~np.isfinite(log.landmark_sigmas)
+    placed = np.isfinite(found.landmarks[:, 0]) & ~log.surveyed
     freedom = (1 - none).sum() - 2 * placed.sum()
     spread = np.sqrt(found.position_covariances.trace(axis1=1, axis2=2).mean() / 2)
     return Diagnosis(

@@ -16,7 +16,7 @@ FORBIDDEN = 1e9  # nats
 
 def named(log: Log, soft: SoftEstimate) -> np.ndarray:
     """(K, 2) landmarks in the order in which they agree best with labels; surveyed ones stay."""
-    free = np.flatnonzero(~np.isfinite(log.landmark_sigmas))
+    free = np.flatnonzero(~log.surveyed)
     agreeing = _agreeing(log, soft)[np.ix_(free, free)]
     found, names = optimize.linear_sum_assignment(agreeing, maximize=True)
     landmarks = soft.landmarks.copy()
@@ -37,7 +37,7 @@ def names_open(log: Log, soft: SoftEstimate) -> np.ndarray:
     one that is surveyed.
     """
     n, wrong = log.n_landmarks, soft.shares.wrong
-    free, is_open = np.flatnonzero(~np.isfinite(log.landmark_sigmas)), np.zeros(n, dtype=bool)
+    free, is_open = np.flatnonzero(~log.surveyed), np.zeros(n, dtype=bool)
     if len(free) < 2 or not have_labels(log):
         return is_open
     agreeing = _agreeing(log, soft)[np.ix_(free, free)]
@@ -67,7 +67,7 @@ def exchanged(log: Log, soft: SoftEstimate) -> np.ndarray:
     odds = max(np.log((1 - wrong) * (n - 1) / wrong), 0.0)
     sources = np.argmax(soft.weights, axis=1)
     least = NAMED + np.log(max(len(log.ranges), 1) * (n - 1))
-    free = ~np.isfinite(log.landmark_sigmas)
+    free = ~log.surveyed
     for k in np.flatnonzero(free):
         called = log.label_of[sources == k]
         for j in np.setdiff1d(called, [NO_LABEL, k]):

@@ -81,6 +81,11 @@ class Log:
     def n_poses(self) -> int:
         return len(self.odometry) + 1
 
+    @property
+    def surveyed(self) -> np.ndarray:
+        """(K,) bool, landmarks whose place is known to a sigma"""
+        return np.isfinite(self.landmark_sigmas)
+
     def __post_init__(self) -> None:
         found = {**_poses(self), **_landmarks(self), **_ranges(self), **_calibration(self)}
         for name, value in found.items():

@@ -108,20 +108,6 @@ def test_every_saving_is_28_over_what_fires_and_none_at_larger_p_is_as_printed(s
     printed = report.printed_values()["cost"]
     for fired, saving in savings.values():
         assert abs(saving * fired / 28 - 1) < 0.1
-
-
-def test_every_third_window_that_does_not_trigger_stands_for_all():
-    """To 2 %; and over all of them dynesty's evidence has no bias beyond chance."""
-    rows = studies.committed("all_windows")
-    assert len(rows) == 112
-    for p in (1, 2, 3, 4):
-        every, third = (value(f"tab_all_windows.row{p}.column{j}") for j in (5, 6))
-        assert abs(third / every - 1) < 0.02
-        fires, other = (value(f"tab_all_windows.row{p}.column{j}") for j in (3, 4))
-        assert other < fires < 1.2 * other
-    error = rows["error"].std() / np.sqrt(len(rows))
-    assert abs(rows["error"].mean()) < 1.96 * error
-    assert MOST_ERROR < error < MOST_BIAS  # of 112 runs it is still too wide for a ratio
     for p in (0.0, 0.2, 0.3):
         assert abs(printed[p]["saving"] * printed[p]["triggered"] / 28 - 1) < 0.15
         apart = [savings[preset, p][1] / printed[p]["saving"] - 1 for preset in "ABC"]
@@ -179,8 +165,8 @@ def test_what_the_exercises_print():
 def test_the_study_of_all_windows_asks_what_the_notebook_asks():
     """The same world, levels and threshold; a window's run is that of `cost.run`."""
     config = cost.Config()
-    assert all_windows.P_LEVELS == tuple(config.p_levels)
-    assert (all_windows.SEED, all_windows.TAU) == (config.seed, config.tau)
+    assert tuple(config.p_levels) == all_windows.P_LEVELS
+    assert (config.seed, config.tau) == (all_windows.SEED, all_windows.TAU)
     base = run_baseline(Scenario(), config.chosen, 0.2, config.seed)
     (row,) = all_windows.rows(0.2, 5)
     window = refinement_cost.refine_windows(base, config.chosen, 5, config.part(SamplerSettings))

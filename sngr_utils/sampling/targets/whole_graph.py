@@ -111,7 +111,7 @@ def of_log(log: Log) -> WholeGraph:
     if len(clutter):
         raise ValueError(f"label_probabilities of row {clutter[0]} must sum to one")
     middle = dead_reckoning(log.x0_mean, log.odometry)[:, :2].mean(axis=0)
-    surveyed = np.isfinite(log.landmark_sigmas)
+    surveyed = log.surveyed
     return WholeGraph(GraphFactors(
         np.empty((log.n_poses, 3)), np.empty((log.n_landmarks, 2)), np.eye(d),
         log.x0_mean, log.x0_sigmas, log.odometry, np.linalg.cholesky(log.odometry_covariances),
