@@ -199,4 +199,4 @@ def test_readme_commands_are_make_targets():
     targets = set(re.findall(r"(?:`|^)make ([a-z]+)\b", readme, flags=re.M))
     assert {"paper", "test", "results", "quick"} <= targets
     for target in targets:
-        assert re.search(rf"^{target}:|^\.PHONY:.*\b{target}\b", makefile, flags=re.M), target
+        assert re.search(rf"^{target}:|: {target}/%:", makefile, flags=re.M), target

@@ -152,7 +152,7 @@ def _first_of(error: ValidationError, content: Any) -> str:
     entry = content[place[0]][place[1]] if len(place) > 1 else None
     claim = f", claim {entry.get('id')!r}" if isinstance(entry, dict) else ""
     shown = ".".join(str(part) for part in (place[2:] if claim else place))
-    return ": ".join(part for part in (claim, shown, first["msg"]) if part)
+    return claim + "".join(f": {part}" for part in (shown, first["msg"]) if part)
 
 
 def check() -> None:

@@ -228,7 +228,8 @@ def whole(rows: list[Row]) -> str:
     head, body = text.replace("{tabular}", "{longtable}").split("\\midrule\n")
     begin, head = head.split("\n", 1)
     caption = (
-        "\\caption{Every claim with its verdict. Accepted: where the number by itself could lie; "
+        f"\\caption{{Every claim with its verdict under preset {claims.read().reading}. "
+        "Accepted: where the number by itself could lie; "
         "share: how much of its natural range that is. A series has one verdict. The cell "
         "that decides is in the last column.}\\label{tab:every}\\\\\n"
     )

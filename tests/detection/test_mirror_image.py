@@ -88,6 +88,7 @@ def test_one_range_is_a_ring_on_which_any_place_is_as_good():
     [
         ("positions", {"positions": LINE[:3]}),
         ("ranges", {"ranges": [np.nan] * 4}),
+        ("ranges", {"ranges": []}),
         ("variances", {"variances": [0.0] * 4}),
         ("landmark", {"landmark": [1.0, 2.0, 3.0]}),
     ],

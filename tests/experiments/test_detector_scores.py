@@ -22,6 +22,7 @@ def rows():
 def test_results_do_not_depend_on_the_number_of_processes(rows, forked):
     again = detector_scores.run(CASES, PAPER, C, [100, 101], jobs=2)
     pd.testing.assert_frame_equal(again, rows.drop(columns="either"))
+    assert again.index.equals(pd.RangeIndex(len(rows)))
 
 
 def test_either_counts_a_condition_number_by_the_clean_ones():
@@ -37,6 +38,7 @@ def test_null_rates_are_those_of_each_clean_world():
     alpha, named = 0.3, ["scenario", "preset", "seed", "estimate", "fired"]
     found = detector_scores.null_rates(["paper"], PAPER, [100, 101], alpha, jobs=1)
     assert list(found) == named
+    assert set(found["estimate"]) == {"iSAM2", "settled"}
     at_c = found.query("preset == 'C' and estimate == 'iSAM2'").set_index("seed")["fired"]
     for seed in (100, 101):
         drawn = detector_scores.Case("paper", 0.0).draw(PAPER, seed)

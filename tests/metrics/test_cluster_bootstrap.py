@@ -158,6 +158,21 @@ def test_interval_holds_the_middle_95_percent_of_500_draws():
     assert ends == pytest.approx([law.ppf(0.025), law.ppf(0.975)], abs=2.01)
 
 
+class Counts:
+    """In the place of a generator: each world once in every draw, and how many were asked."""
+
+    def multinomial(self, n, shares, size):
+        self.size = size
+        return np.ones((size, n), int)
+
+
+def test_a_ratio_of_sums_is_drawn_two_thousand_times():
+    drawn = Counts()
+    got = cluster_bootstrap.ratio(np.arange(5.0), np.full(5, 4.0), rng=drawn)
+    assert (got.value, got.low, got.high) == (0.5, 0.5, 0.5)
+    assert drawn.size == 2000
+
+
 def test_all_alike_has_no_ranking(windows):
     scores, truth, worlds = windows
     for name in RANKING:

@@ -138,7 +138,7 @@ def test_the_gate_is_the_99_percent_quantile(squared, asked):
     assert (assignment.weights[0, 0] < 1) == asked
 
 
-@pytest.mark.parametrize(("sigma", "asked"), [(0.499, False), (0.501, True)])
+@pytest.mark.parametrize(("sigma", "asked"), [(0.499, False), (0.5, True), (0.501, True)])
 def test_a_prediction_of_half_a_metre_is_too_vague_to_keep_a_label(sigma, asked):
     assignment = decide(scans([0]), innovations([[0.0, 40.0, 40.0]], variance=sigma**2))
     assert (assignment.weights[0, 0] < 1) == asked

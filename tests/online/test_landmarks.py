@@ -248,18 +248,23 @@ def test_uses_by_ranges_of_other_labels_do_not_count():
 
 
 @pytest.mark.parametrize(
-    ("poses", "sigma", "enters"),
-    [(8, 0.1, True), (7, 0.1, False), (8, 1.0, False)],
+    ("poses", "sigmas", "enters"),
+    [(8, 4.9, True), (7, 4.9, False), (8, 5.0, False)],
 )
 def test_after_long_a_landmark_enters_on_one_of_two_narrow_sides(
-    waiting, monkeypatch, poses, sigma, enters
+    waiting, monkeypatch, poses, sigmas, enters
 ):
-    modes = [localisation.Mode(np.zeros(2), sigma**2 * np.eye(2), mass) for mass in (0.5, 0.45)]
+    """Narrow is less than five sigmas of the surest range."""
+
+    def two(cloud, evidence):
+        covariance = sigmas**2 * evidence.variances.min() * np.eye(2)
+        return [localisation.Mode(np.zeros(2), covariance, mass) for mass in (0.5, 0.45)]
+
     monkeypatch.setattr(localisation, "mirrored", lambda evidence: True)
     monkeypatch.setattr(localisation, "many_starts", lambda evidence, rng: ("starts", True))
-    monkeypatch.setattr(localisation, "modes", lambda cloud, evidence: modes)
+    monkeypatch.setattr(localisation, "modes", two)
     found = _locate(waiting, arc(poses, 0.1, [1.0, 2.0]), True, np.random.default_rng(0))
-    assert found is (modes[0] if enters else None)
+    assert found.mass == 0.5 if enters else found is None
 
 
 def test_no_mode_is_no_place(waiting, monkeypatch):

@@ -190,6 +190,7 @@ def test_prose_is_judged_world_by_world(results):
 
 
 def test_keys_are_filled_with_numbers_in_their_shortest_form():
+    assert claims.key("{small}", "B", {"small": "0.00001"}) == "1e-05"
     names = {"p": "0.0", "tau": "4.00", "end": "last", "odd": "1.2.3"}
     assert claims.key("{preset}.{p}.{tau}.{end}.{odd}", "B", names) == "B.0.4.last.1.2.3"
     assert claims.key("plain", "B", {}) == "plain"
@@ -245,6 +246,8 @@ def test_each_rule_gives_its_verdict_and_what_decides(rule, given, verdict, why)
     entry = number_entry(printed="bimodal/error_from_mode_map", ours="x", rule=rule, range=natural)
     (found,) = judge._numbers(entry, {"x": given}, "C", [])
     assert (found.verdict, found.why) == (verdict, why)
+    if rule == "deterministic":  # of the lengths up to 3 m only those that round to ours would do
+        assert found.share == pytest.approx(0.001 / 3.001)
 
 
 def test_a_number_stands_beside_what_would_have_been_accepted_and_its_rank():
@@ -288,15 +291,18 @@ def test_a_trend_is_that_between_the_levels_at_which_a_number_is_printed():
     results = {f"x.{p}": sample(np.full(N, 9.0)) for p in LEVELS}
     results["x.0.2"] = sample(np.linspace(0, 1, N) + 3)
 
-    def has_trend(**trend):
+    def has_trend(last=5, **trend):
         entry = number_entry(**series, **trend)
-        (test,) = number_tests.tests(entry, results, "C", list(entry.leaves()))
+        (test,) = number_tests.tests(entry, results, "C", list(entry.leaves())[-last:])
         return judge._has_trend(test, results, "C")
 
     results["x.0.4"] = sample(np.linspace(0, 1, N) + 2)
     assert has_trend(trend="falls")
     assert not has_trend(trend="rises")
     assert not has_trend()
+    results["x.0.3"] = sample(np.linspace(0, 1, N) + 3)
+    assert has_trend(last=2, trend="falls")
+    assert not has_trend(last=1, trend="falls")
     results["x.0.4"] = sample(np.linspace(0, 1, N) + 4)
     assert not has_trend(trend="falls")
 
@@ -304,7 +310,8 @@ def test_a_trend_is_that_between_the_levels_at_which_a_number_is_printed():
 def test_rows_are_named_after_all_that_tells_them_apart():
     entry = number_entry(printed="{table}/{p}/triggered", ours="x", rule="clock")
     rows = judge._numbers(entry, {"x": value(1.0)}, "C", [])
-    assert {row.id for row in rows} >= {"made.tablebaseline.p0.4", "made.tablesngr.p0.0"}
+    ids = {row.id: row.where for row in rows}
+    assert ids["made.tablebaseline.p0.4"] == ids["made.tablesngr.p0.0"] == "tab"
 
 
 def test_a_mean_is_undefined_where_a_world_is():
@@ -473,12 +480,28 @@ def test_the_main_paper_shows_what_each_test_could_have_refused(verdicts):
     assert shown.loc["NEES", "power"] == f"refuses {1 - nees.share:.0%}".replace("%", " %")
 
 
-def test_a_headline_of_no_claim_is_a_sentence(monkeypatch, tmp_path):
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("headline: [inc", "headline: [inc", ""),
+        ("headline: [inconsistent", "headline: [nothing", "'nothing' is the id of no claim"),
+        ("rule: mean_of_five", "rule: mean_of_6", r"yaml, claim 'rmse': rule: Input should be"),
+        ("reading: C", "reading: D", r"yaml: reading: Input should be"),
+        ("rule: std_of_five", "rule: std_of_five, ratio: [a/b, c/d]", "'rmse-std': .'a', 'b'"),
+        ('"baseline/{p}/nees"', '"base/{p}/nees"', "claim 'nees': 'base/{p}/nees' is not among"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_claim_is_a_sentence(monkeypatch, tmp_path, old, new, message):
     text = paths.CLAIMS.read_text(encoding="utf-8")
+    assert old in text
     monkeypatch.setattr(paths, "CLAIMS", tmp_path / "claims.yaml")
-    paths.CLAIMS.write_text(text.replace("headline: [inconsistent", "headline: [nothing"))
-    with pytest.raises(notebooks.ProjectError, match="'nothing' is the id of no claim"):
-        claims.read.__wrapped__()
+    monkeypatch.setattr(claims, "read", claims.read.__wrapped__)  # which keeps nothing
+    paths.CLAIMS.write_text(text.replace(old, new, 1), encoding="utf-8")
+    if not message:
+        claims.check()
+        return
+    with pytest.raises(notebooks.ProjectError, match=message):
+        claims.check()
 
 
 def test_readme_block_is_written_between_its_markers(verdicts, tmp_path, monkeypatch):

@@ -134,6 +134,12 @@ def test_contradictions_say_what_does_not_fit(numbers):
     ]
 
 
+def test_the_threshold_of_the_paper_is_no_contradiction_where_no_larger_one_is_silent(numbers):
+    assert ("", "choice of tau") in found(numbers)
+    numbers["tau_sensitivity", "4.00", "clean"] = printed.number("1")
+    assert ("", "choice of tau") not in found(numbers)
+
+
 # what would repair each contradiction
 REPAIRS = {
     "bimodal/error_from_mode_ns": "0.016",

@@ -237,6 +237,31 @@ def test_nothing_is_handed_on_that_nobody_asks_for(reference):
     assert len(keys) > 400
 
 
+# What the papers' texts say in decimals that is neither a parameter nor printed by the original.
+SETTINGS = {
+    4.2: "a version of GTSAM", 1.35: "worlds.OVERCONFIDENT", 1.5: "estimators.LOST",
+    1.6: "misfit's limit", 2.5: "per cent, of a test", 0.012: "the error of a bias that is zero",
+}  # fmt: skip
+
+
+def parameters_and_printed():
+    given = (file.read_text(encoding="utf-8") for file in paths.PARAMS.glob("*.yaml"))
+    words = (word for text in given for word in re.findall(r"[\d.]+", re.sub("#.*", "", text)))
+    return {float(word) for word in words if word.strip(".")} | {
+        one.value for one in leaves().values()
+    }
+
+
+def test_no_result_is_typed():
+    """Decimals of the text were chosen, or printed by the original: our results are \\res."""
+    text = re.sub(r"(?<!\\)%.*|\\(?:res|tab|fig|label|ref|cite)\{[^}]*\}", "", paper_text())
+    text = re.sub(r"\\begin\{half\}\[.*?\]|\\setlength\{.*?\}\{.*?\}", "", text)
+    typed = {float(word) for word in re.findall(r"(?<![\w.\\])\d*\.\d+(?!\d*\\[a-z])", text)}
+    assert len(typed) > 15
+    assert typed - parameters_and_printed() == set(SETTINGS)
+    assert 1.02 not in parameters_and_printed()  # such as an error over the oracle's
+
+
 def test_a_missing_value_is_an_error_of_latex():
     """The macro stops at an unknown key, and typesetting stops at the first error."""
     text = (paths.PAPER / "preamble.tex").read_text(encoding="utf-8")

@@ -308,6 +308,7 @@ def scans(pose_of, label_of, ranges, poses, landmarks, **changed):
     })  # fmt: skip
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")  # without clutter there is a log of zero
 def test_prior_of_a_label_and_of_all_others_alike():
     drawn = scans([0, 1, 1], [2, 0, -1], np.ones(3), np.zeros((2, 3)), np.zeros((4, 2)))
     for clutter in (0.0, 0.2):
