@@ -20,7 +20,7 @@ GREY = 1.0  # root mean square, of 255 levels, as of a notebook's pictures
 
 def pages(path):
     """Streams of a PDF that hold commands, compressed as they are; fonts and pictures do not."""
-    streams = re.findall(rb"stream\r?\n(.*?)\r?\nendstream", path.read_bytes(), re.DOTALL)
+    streams = re.findall(rb"stream\r?\n(.*?)\nendstream", path.read_bytes(), re.DOTALL)
     return [stream for stream in streams if zlib.decompress(stream).isascii()]
 
 

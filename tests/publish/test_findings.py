@@ -222,5 +222,5 @@ def test_captions_count_the_worlds_that_were_run():
 
 def test_the_paper_says_in_words_how_many_worlds_windows_were_studied_in():
     params = yaml.safe_load((paths.PARAMS / "05_audit.yaml").read_text(encoding="utf-8"))
-    assert (params["n_windows"], params["p_windows"], params["n_corrected"]) == (8, 0.2, 12)
+    assert (params["n_windows"], params["p_windows"], params["n_corrected"]) == (8, 0.2, 20)
     assert value("gaussian.conditional.windows") % (8 * 3) == 0  # of three presets
