@@ -2,6 +2,7 @@
 
 Every method is given the same odometry and ranges, the noise levels, and the mean of the x0
 prior. None is given the truth; the oracle alone is given which landmark each range came from.
+Just over 300 lines: a case for each method.
 """
 
 import time
