@@ -5,7 +5,7 @@ import pytest
 from helpers import handed_on
 
 from sngr_utils import association_aware
-from sngr_utils.experiments import estimators, online_variants
+from sngr_utils.experiments import estimators, online_variants, studies
 from sngr_utils.publish import report
 from sngr_utils.robust import association, em
 from sngr_utils.show import association_aware as show
@@ -182,6 +182,17 @@ def ablation(runs):
     ours = runs[(runs["method"] == online_variants.NAME) & (runs["p"] == 0.4)]
     parts = [(name, nets) for name in online_variants.PARTS for nets in (True, False)]
     return pd.concat([ours.assign(method=name, nets=nets) for name, nets in parts])
+
+
+def test_no_world_without_a_part_lies_beyond_the_axes():
+    rows = studies.committed("ablation")
+    fig, axes = style.panels(7, 3, 2)
+    show.draw_ablation(axes, rows)
+    for ax in axes:
+        low, high = ax.get_xlim()
+        assert low < rows["ratio"].min()
+        assert rows["ratio"].max() < high
+    plt.close(fig)
 
 
 def test_what_is_recorded_is_what_was_run(runs, ablation, tmp_path):

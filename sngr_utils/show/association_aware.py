@@ -235,7 +235,7 @@ def draw_ablation(axes: list[Axes], runs: pd.DataFrame) -> None:
         middle = rows.groupby("method")["ratio"].median()
         ax.plot(middle[names], -np.arange(len(names)), "|", ms=11, mew=1.5, color=style.TRUTH)
         ax.axvline(1, color=style.TRUTH, lw=0.6, zorder=1)
-        ax.set(xlabel="pose RMSE over the oracle's", xscale="log", xlim=(0.6, 100))
+        ax.set(xlabel="pose RMSE over the oracle's", xscale="log", xlim=(0.5, 100))
         ax.set_title("with the safety nets" if nets else "without them")
         ax.grid(axis="y", lw=0.3)
     shown = ["whole method" if name == online_variants.NAME else name for name in names]
