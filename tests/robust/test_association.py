@@ -3,6 +3,7 @@
 import itertools
 import time
 import tracemalloc
+import warnings
 from dataclasses import replace
 
 import gtsam
@@ -768,3 +769,23 @@ def test_louis_covariance_needs_no_matrix_of_all_variables():
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 5 * peaks[0]
+
+
+def test_em_starts_with_one_range_in_twenty_from_nowhere_and_needs_no_range(monkeypatch):
+    clean = simulation.simulate(scenario.Scenario(n_poses=6), 0.0, rng=np.random.default_rng(1))
+    log, started = clean.log(C.x0_sigmas), []
+    alternate = em._alternate
+
+    def recorded(*args):
+        started.append(args[3])
+        return alternate(*args)
+
+    monkeypatch.setattr(em, "_alternate", recorded)
+    start, kinds = (clean.poses, clean.landmarks), {"exclusive": True}
+    for clutter in (True, False):
+        em.fit(log, C, start, clutter=clutter, **kinds)
+    assert started == [pytest.approx(1 / 20), 0.0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        none = em.fit(log.keep(np.zeros(len(log.ranges), bool)), C, start, clutter=True, **kinds)
+    assert none.weights.shape == (0, clean.n_landmarks + 1)
