@@ -20,6 +20,7 @@ from sngr_utils.slam.range_loss import LEAST_SQUARES
 MOST_MISSING = 0.9  # of the information in any direction, see `position_covariances`
 IMPOSSIBLE = 1e-18  # responsibilities below it are no part of a score's covariance
 FEW = 250  # variables up to which all directions are found at once
+MANY = 300  # directions above the share beyond which a bound stands for all, in linear time
 APART = 1e-4  # from 1, a share at which the information is no longer near singular
 NUDGE = 1.0003  # by which what is withheld grows where a share is nearer
 
@@ -48,7 +49,8 @@ def position_covariances(chain: Chain, at: State, weights: np.ndarray) -> np.nda
     The information is that of the weighted ranges, C, less what the unknown associations
     withhold: M, the covariance of its score over them, range by range. Where they withhold more
     than 90 % in a direction (d with M d = share C d), the posterior is no Gaussian about this
-    estimate, and 10 % are kept.
+    estimate, and 10 % are kept. Of a long estimate that is lost there are thousands of such
+    directions: beyond `MANY` 10 % are kept in all, a bound from above.
 
     Parameters
     ----------
@@ -66,6 +68,8 @@ def position_covariances(chain: Chain, at: State, weights: np.ndarray) -> np.nda
         covariances = _inverse(complete.less(withheld, 1.0))
     elif size <= FEW:
         covariances = _capped(complete, withheld, len(at.frames), size)
+    elif n_above > MANY:
+        covariances = _inverse(complete) / (1 - MOST_MISSING)
     else:
         covariances = _capped_in_few(system, withheld, n_above, size)
     return information.in_world_frame(covariances[:, :2, :2], *at.frames.T[2:])

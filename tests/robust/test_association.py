@@ -735,6 +735,21 @@ def test_louis_covariance_by_blocks_is_that_of_the_whole_pencil(torn, above, few
     assert np.allclose(got, expected, rtol=1e-9, atol=1e-9 * expected.max())
 
 
+def test_of_an_estimate_that_is_lost_louis_covariance_is_a_bound_in_linear_time(monkeypatch):
+    """No less than by all directions."""
+    drawn = simulation.simulate(scenario.Scenario(), 0.3, rng=np.random.default_rng(101))
+    at = drawn.poses + np.random.default_rng(0).normal(size=(30, 3)), drawn.landmarks
+    weights = np.random.default_rng(1).dirichlet(np.ones(7), len(drawn.ranges))
+    given = louis(drawn.log(C.x0_sigmas), *at, weights)
+    expected, shares = dense(*given)
+    assert np.sum(shares > louis_covariance.MOST_MISSING) > 20
+    monkeypatch.setattr(louis_covariance, "FEW", 0)
+    monkeypatch.setattr(louis_covariance, "MANY", 20)
+    got = louis_covariance.position_covariances(*given)
+    assert np.linalg.eigvalsh(got - expected).min() > -1e-9 * expected.max()
+    assert np.trace(got, axis1=1, axis2=2).sum() < 10 * np.trace(expected, axis1=1, axis2=2).sum()
+
+
 def test_louis_information_is_that_of_gtsams_weighted_graph():
     """Where headings err by more than the 1e-3 rad below which GTSAM's derivative loses digits."""
     drawn = simulation.simulate(scenario.Scenario(), 0.3, rng=np.random.default_rng(101))
